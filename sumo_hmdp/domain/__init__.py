@@ -1,0 +1,1 @@
+"""Words of the road: maneuvers, lanes, scenes, plans. Frozen data without behaviour of its own."""

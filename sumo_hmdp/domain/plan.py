@@ -1,0 +1,163 @@
+"""What a planner answers: the maneuver to carry out now, the plan behind it, and why."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, TypeVar
+
+from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.scene import Scene
+
+
+class Status(StrEnum):
+    """How a decision came about.
+
+    OPTIMAL: the best plan that keeps every distance.
+    RELAXED: none keeps them all; the plan with the least violation, then the least cost.
+    FALLBACK: even the least violation means contact; brake in lane.
+    """
+
+    OPTIMAL = "optimal"
+    RELAXED = "relaxed"
+    FALLBACK = "fallback"
+
+
+@dataclass(frozen=True)
+class PlanStep:
+    """The ego at the end of one step of its plan.
+
+    Attributes:
+        step: 1..H.
+        lateral: the step's lateral action.
+        mode: the mode during the step, which is the mode after the step's action.
+        lane: the intended lane after the step.
+        x: front bumper [m].
+        speed: [m/s].
+    """
+
+    step: int
+    lateral: Lateral
+    mode: Mode
+    lane: int
+    x: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class PredictedBranch:
+    """One retained branch of one vehicle, for display and audit; arrays as tuples over the steps 1..H.
+
+    Attributes:
+        vehicle_id: whose.
+        probability: of the whole action sequence.
+        lanes: intended lane per step.
+        modes: mode per step, after the step's action.
+        x: mean front bumper per step [m].
+        y: mean per step [m].
+        x_std: standard deviation of x per step [m].
+        y_std: standard deviation of y per step [m].
+    """
+
+    vehicle_id: str
+    probability: float
+    lanes: tuple[int, ...]
+    modes: tuple[Mode, ...]
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    x_std: tuple[float, ...]
+    y_std: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ForbiddenInterval:
+    """A stretch of one lane at one step that the ego may not be in.
+
+    Attributes:
+        step: 1..H.
+        lane: the lane.
+        x_from: lower end [m].
+        x_to: upper end [m].
+    """
+
+    step: int
+    lane: int
+    x_from: float
+    x_to: float
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the vehicle is told to do until the next decision.
+
+    Attributes:
+        lane: the lane to go to, or to stay in.
+        accel: the longitudinal acceleration to hold [m/s2]; a decelerating vehicle stops at zero speed.
+    """
+
+    lane: int
+    accel: float
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One answer of a planner.
+
+    Attributes:
+        time: of the scene that it answers [s].
+        status: how it came about.
+        command: what to do until the next decision.
+        lateral: the lateral action taken.
+        mode: the longitudinal mode taken.
+        plan: the whole plan, empty where there is none.
+        objective: cost of the plan, None where there is none.
+        violation: total violation of the distances by the plan [m], 0 when optimal, None for a fallback.
+        reason: why it is not optimal, empty when it is.
+        solver: which solver answered.
+        solve_time: wall-clock seconds spent [s]; never part of a trace hash.
+        pruned_prob: the largest pruned probability of any vehicle.
+        branch_count: how many branches were retained.
+        branches: the likeliest of them, for display.
+        forbidden: the forbidden intervals of the lanes.
+        problem_json: the decision problem in its file form, None for planners that have none.
+    """
+
+    time: float
+    status: Status
+    command: Command
+    lateral: Lateral = Lateral.KEEP
+    mode: Mode = Mode.CRUISE
+    plan: tuple[PlanStep, ...] = ()
+    objective: float | None = None
+    violation: float | None = 0.0
+    reason: str = ""
+    solver: str = ""
+    solve_time: float = 0.0
+    pruned_prob: float = 0.0
+    branch_count: int = 0
+    branches: tuple[PredictedBranch, ...] = ()
+    forbidden: tuple[ForbiddenInterval, ...] = ()
+    problem_json: str | None = None
+
+
+Memory = TypeVar("Memory")
+
+
+class Planner(Protocol[Memory]):
+    """A planner as a plug-in: everything it remembers goes in and comes out, so any decision can be replayed."""
+
+    @property
+    def name(self) -> str:
+        """As in the registry."""
+        ...
+
+    @property
+    def period(self) -> float:
+        """Time between two decisions [s]."""
+        ...
+
+    def initial_memory(self) -> Memory:
+        """Return the memory before the first decision."""
+        ...
+
+    def decide(self, scene: Scene, memory: Memory) -> tuple[Decision, Memory]:
+        """Answer one scene."""
+        ...

@@ -1,0 +1,42 @@
+"""The errors a user can meet, each with what, where, and what to do about it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class SumoHmdpError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake in a file.
+
+    Attributes:
+        path: where it stands, such as `vehicles[0].lane`.
+        message: what must hold, what was found, and the remedy.
+    """
+
+    path: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.message}" if self.path else self.message
+
+
+class InputError(SumoHmdpError):
+    """Something that the user gave cannot be used; holds every mistake that was found, not the first only."""
+
+    def __init__(self, problems: Iterable[Problem | str], source: str = "") -> None:
+        self.problems = tuple(p if isinstance(p, Problem) else Problem("", p) for p in problems)
+        self.source = source
+        super().__init__("\n".join(self.lines()))
+
+    def lines(self) -> list[str]:
+        """Return one line per mistake, each with the file it stands in when that is known."""
+        prefix = f"{self.source}: " if self.source else ""
+        return [f"{prefix}{problem}" for problem in self.problems]
+
+
+class SimulationError(SumoHmdpError):
+    """The traffic simulation did something that makes the run worthless, such as losing the ego."""

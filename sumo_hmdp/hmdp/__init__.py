@@ -1,0 +1,1 @@
+"""Prediction of surrounding vehicles: policies, affine-Gaussian motion, branches."""

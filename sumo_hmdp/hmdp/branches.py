@@ -1,0 +1,238 @@
+"""Branches: the action sequences of the surrounding vehicles that are likely enough, and where they lead.
+
+All vehicles are expanded together, one array row a branch, and pruned inside the recursion: a prefix goes as
+soon as even its best completion falls below the threshold, so no more rows ever live than branches survive.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_hmdp.domain.maneuver import ACTIONS, Lateral
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.hmdp.dynamics import (
+    FloatArray,
+    LateralGains,
+    Noise,
+    next_covariance,
+    next_lateral,
+    next_longitudinal,
+    position_variances,
+)
+from sumo_hmdp.hmdp.policy import Policy, action_probabilities
+
+IntArray = NDArray[np.int64]
+
+# A product that equals the threshold on paper may miss it by rounding; it is kept.
+THRESHOLD_SLACK = 1e-12
+
+_LATERAL_OF_ACTION = np.array([action.lateral for action in ACTIONS])
+_MODE_CHANGE_OF_ACTION = np.array([action.mode_change for action in ACTIONS])
+
+
+@dataclass(frozen=True)
+class PredictedVehicle:
+    """A surrounding vehicle with what is believed of it.
+
+    Attributes:
+        state: where it is and what it intends.
+        policy: how it chooses its actions.
+        noise: how uncertain its motion is.
+    """
+
+    state: VehicleState
+    policy: Policy
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """How far and how finely to predict.
+
+    Attributes:
+        horizon_steps: H >= 1.
+        period: of one step [s].
+        accel: nominal acceleration of the modes [m/s2].
+        sequence_threshold: least probability delta_seq of a whole sequence, in (0, 1].
+        action_threshold: least probability delta of a single action; 0 drops none.
+        gains: of the lateral model.
+    """
+
+    horizon_steps: int
+    period: float
+    accel: float
+    sequence_threshold: float
+    action_threshold: float = 0.0
+    gains: LateralGains = field(default_factory=LateralGains)
+
+
+@dataclass(frozen=True)
+class Branches:
+    """All retained branches of all vehicles: B rows, H steps, V vehicles.
+
+    Attributes:
+        vehicles: the vehicles they belong to, V of them.
+        vehicle: (B,) index into `vehicles`, rising.
+        probability: (B,) of the whole sequence.
+        laterals: (B, H) lateral action of each step.
+        lanes: (B, H) intended lane after each step.
+        modes: (B, H) mode after each step's action, -1, 0 or 1.
+        x: (B, H) mean front bumper [m].
+        speed: (B, H) mean [m/s].
+        x_std: (V, H) standard deviation of x [m].
+        pruned: (V,) probability of all that was dropped.
+    """
+
+    vehicles: tuple[PredictedVehicle, ...]
+    vehicle: IntArray
+    probability: FloatArray
+    laterals: IntArray
+    lanes: IntArray
+    modes: IntArray
+    x: FloatArray
+    speed: FloatArray
+    x_std: FloatArray
+    pruned: FloatArray
+
+
+def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> Branches:
+    """Predict every vehicle over the horizon (docs/formulation.md, eqs. 3 to 7).
+
+    Args:
+        vehicles: any number, in the order in which the branches shall come.
+        settings: horizon, thresholds and model.
+
+    Returns:
+        For each vehicle the sequences whose probability reaches `sequence_threshold`, or the single likeliest
+        one where none does.
+    """
+    H = settings.horizon_steps
+    V = len(vehicles)
+    table = _policy_table(vehicles)
+    actions = _likely_sequences(vehicles, table, settings)
+    B = len(actions.vehicle)
+    lane = np.array([v.state.lane for v in vehicles], dtype=np.int64)[actions.vehicle]
+    mode = np.array([int(v.state.mode) for v in vehicles], dtype=np.int64)[actions.vehicle]
+    x_now = np.array([v.state.x for v in vehicles], dtype=np.float64)[actions.vehicle]
+    speed_now = np.array([v.state.speed for v in vehicles], dtype=np.float64)[actions.vehicle]
+    laterals = _LATERAL_OF_ACTION[actions.sequences]
+    lanes = lane[:, None] + np.cumsum(laterals, axis=1)
+    modes = mode[:, None] + np.cumsum(_MODE_CHANGE_OF_ACTION[actions.sequences], axis=1)
+    x, speed = np.empty((B, H)), np.empty((B, H))
+    for k in range(H):
+        # The mode BEFORE the step's action gives the acceleration of a surrounding vehicle.
+        mode_before = mode if k == 0 else modes[:, k - 1]
+        x_now, speed_now = next_longitudinal(
+            x_now, speed_now, settings.accel * mode_before.astype(np.float64), settings.period
+        )
+        x[:, k], speed[:, k] = x_now, speed_now
+    variances = np.array([position_variances(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
+    kept = np.bincount(actions.vehicle, weights=actions.probability, minlength=V) if V else np.zeros(0)
+    return Branches(
+        vehicles=tuple(vehicles),
+        vehicle=actions.vehicle,
+        probability=actions.probability,
+        laterals=laterals,
+        lanes=lanes,
+        modes=modes,
+        x=x,
+        speed=speed,
+        x_std=np.sqrt(variances),
+        pruned=np.clip(1.0 - kept, 0.0, 1.0),
+    )
+
+
+@dataclass(frozen=True)
+class _Sequences:
+    vehicle: IntArray
+    probability: FloatArray
+    sequences: IntArray  # (B, H) indices into ACTIONS
+
+
+def _policy_table(vehicles: Sequence[PredictedVehicle]) -> FloatArray:
+    """Stack the policies, shape (V, lanes, 3, 9)."""
+    if not vehicles:
+        return np.zeros((0, 1, 3, len(ACTIONS)))
+    return np.stack([action_probabilities(v.policy) for v in vehicles])
+
+
+def _completions(table: FloatArray, steps: int) -> list[FloatArray]:
+    """Return for 0..steps remaining steps the probability of the likeliest way on, each of shape (V, lanes, 3)."""
+    V, lanes = table.shape[:2]
+    lane, mode = np.arange(lanes)[:, None, None], np.arange(3)[None, :, None]
+    # Inadmissible actions have probability 0, so where their clipped successor points does not matter.
+    next_lane = np.clip(lane + _LATERAL_OF_ACTION, 0, lanes - 1)
+    next_mode = np.clip(mode + _MODE_CHANGE_OF_ACTION, 0, 2)
+    best = [np.ones((V, lanes, 3))]
+    for _ in range(steps):
+        best.append((table * best[-1][:, next_lane, next_mode]).max(axis=3))
+    return best
+
+
+def _likely_sequences(
+    vehicles: Sequence[PredictedVehicle], table: FloatArray, settings: PredictionSettings
+) -> _Sequences:
+    """Expand and prune all vehicles together (docs/formulation.md, eq. 7)."""
+    H, V = settings.horizon_steps, len(vehicles)
+    likeliest = _completions(table, H)
+    usable = np.where(table >= max(settings.action_threshold * (1 - THRESHOLD_SLACK), np.nextafter(0, 1)), table, 0.0)
+    reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
+    vehicle = np.arange(V)
+    lane = np.array([v.state.lane - 1 for v in vehicles], dtype=np.int64)
+    mode = np.array([int(v.state.mode) + 1 for v in vehicles], dtype=np.int64)
+    probability = np.ones(V)
+    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one.
+    threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
+    lonely = reachable[H][vehicle, lane, mode] < threshold
+    history = np.zeros((V, 0), dtype=np.int64)
+    for k in range(H):
+        remaining = H - 1 - k
+        next_lane = np.clip(lane[:, None] + _LATERAL_OF_ACTION, 0, table.shape[1] - 1)
+        next_mode = np.clip(mode[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
+        child = probability[:, None] * usable[vehicle, lane, mode]
+        keep = (child > 0) & (child * reachable[remaining][vehicle[:, None], next_lane, next_mode] >= threshold)
+        alone = lonely[vehicle]
+        if alone.any():
+            onward = table[vehicle, lane, mode] * likeliest[remaining][vehicle[:, None], next_lane, next_mode]
+            keep[alone] = False
+            keep[alone, onward[alone].argmax(axis=1)] = True
+            child[alone] = probability[alone, None] * table[vehicle, lane, mode][alone]
+        row, action = np.nonzero(keep)
+        history = np.column_stack([history[row], action])
+        vehicle, probability = vehicle[row], child[row, action]
+        lane, mode = next_lane[row, action], next_mode[row, action]
+    return _Sequences(vehicle, probability, history)
+
+
+def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:
+    """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 4)."""
+    y = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
+    lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
+    y_ref = ((road.lane_count + 1) / 2 - branches.lanes.astype(np.float64)) * road.lane_width
+    means = np.empty_like(branches.x)
+    for k in range(settings.horizon_steps):
+        following = next_lateral(
+            y,
+            lateral_speed,
+            branches.laterals[:, k] != Lateral.KEEP,
+            y_ref[:, k],
+            settings.period,
+            settings.gains,
+        )
+        lateral_speed = (following - y) / settings.period
+        y = means[:, k] = following
+    return means
+
+
+def covariances(branches: Branches, index: int, settings: PredictionSettings) -> FloatArray:
+    """Return the full covariance of one branch after each step, shape (H, 3, 3) (docs/formulation.md, eq. 5)."""
+    noise = branches.vehicles[branches.vehicle[index]].noise
+    covariance = noise.initial_covariance()
+    result = []
+    for lateral in branches.laterals[index]:
+        covariance = next_covariance(covariance, Lateral(int(lateral)), settings.period, settings.gains, noise)
+        result.append(covariance)
+    return np.array(result)

@@ -1,0 +1,1 @@
+"""Risk, corridors, costs and the solvers that choose the maneuver."""

@@ -1,0 +1,253 @@
+"""HiGHS under the Pyomo model: compiled once a shape, filled with numbers and solved once a decision.
+
+Every coefficient of the model is a constant or a constant times one datum (a fixed variable of
+`planning/milp.py`). Compiling reads this off the Pyomo expressions, so that filling in a decision is one sparse
+matrix-vector product instead of a new Pyomo model.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import highspy
+import numpy as np
+import pyomo.environ as pyo
+from numpy.typing import NDArray
+from pyomo.repn import generate_standard_repn
+from scipy import sparse
+
+from sumo_hmdp.planning.milp import Shape, build_model
+
+FloatArray = NDArray[np.float64]
+
+# Objectives must agree with an enumeration to 1e-6; positions are integers, so whole columns can be near whole.
+OPTIONS: dict[str, Any] = {
+    "output_flag": False,
+    "threads": 1,
+    "mip_rel_gap": 0.0,
+    "mip_abs_gap": 1e-9,
+    "mip_feasibility_tolerance": 1e-9,
+    "primal_feasibility_tolerance": 1e-9,
+    "dual_feasibility_tolerance": 1e-9,
+    # What small problems do not need: sub-MIP heuristics, symmetry, restarts.
+    "mip_heuristic_run_feasibility_jump": False,
+    "mip_heuristic_run_rins": False,
+    "mip_heuristic_run_rens": False,
+    "mip_heuristic_run_root_reduced_cost": False,
+    "mip_detect_symmetry": False,
+    "mip_allow_restart": False,
+}
+
+
+@dataclass(frozen=True)
+class _Affine:
+    """A vector that is affine in the data: constant + matrix @ data."""
+
+    constant: FloatArray
+    matrix: sparse.csr_array
+
+    def at(self, data: FloatArray) -> FloatArray:
+        """Evaluate for the data of one decision."""
+        return np.asarray(self.constant + self.matrix @ data)
+
+
+@dataclass(frozen=True)
+class CompiledModel:
+    """A model of one shape, ready to be filled in.
+
+    Attributes:
+        shape: what it was compiled for.
+        columns: column index of each decision variable, by (name, index).
+        slots: index of each datum, by (name, index).
+        rows: (nonzeros,) row of each coefficient.
+        cols: (nonzeros,) its column.
+        coefficients: their values.
+        row_low: lower bounds of the rows.
+        row_high: upper bounds.
+        cost: of the columns.
+        integer: which columns are binary.
+    """
+
+    shape: Shape
+    columns: Mapping[tuple[str, Any], int]
+    slots: Mapping[tuple[str, Any], int]
+    rows: NDArray[np.int32]
+    cols: NDArray[np.int32]
+    coefficients: _Affine
+    row_low: _Affine
+    row_high: _Affine
+    cost: _Affine
+    integer: NDArray[np.bool_]
+
+
+class _AffineBuilder:
+    """Collects entries of an affine vector."""
+
+    def __init__(self) -> None:
+        self.constant: list[float] = []
+        self.entries: list[tuple[int, int, float]] = []
+
+    def add(self, constant: float = 0.0) -> int:
+        self.constant.append(constant)
+        return len(self.constant) - 1
+
+    def depend(self, position: int, slot: int, factor: float) -> None:
+        self.entries.append((position, slot, factor))
+
+    def build(self, slot_count: int) -> _Affine:
+        positions, slots, factors = zip(*self.entries, strict=True) if self.entries else ((), (), ())
+        shape = (len(self.constant), slot_count)
+        return _Affine(np.array(self.constant), sparse.csr_array((factors, (positions, slots)), shape=shape))
+
+
+def _keyed(block: pyo.Block, *, descend: bool) -> dict[tuple[str, Any], Any]:
+    """List the variables of a block by (name, index)."""
+    return {
+        (component.local_name, index): variable
+        for component in block.component_objects(pyo.Var, descend_into=descend)
+        for index, variable in component.items()
+    }
+
+
+@lru_cache(maxsize=64)
+def compile_model(shape: Shape) -> CompiledModel:
+    """Build the Pyomo model of a shape and read its coefficients off.
+
+    Raises:
+        ValueError: if a row is not linear in the columns, or not affine in the data.
+    """
+    model = build_model(shape)
+    data, columns = _keyed(model.data, descend=False), _keyed(model, descend=False)
+    slot = {id(variable): number for number, variable in enumerate(data.values())}
+    column = {id(variable): number for number, variable in enumerate(columns.values())}
+    coefficients, low, high = _AffineBuilder(), _AffineBuilder(), _AffineBuilder()
+    rows: list[int] = []
+    cols: list[int] = []
+    for number, row in enumerate(model.component_data_objects(pyo.Constraint)):
+        terms, constant, shifts = _terms(row.body, slot, column)
+        for at, factor, datum in terms:
+            position = coefficients.add(factor if datum is None else 0.0)
+            if datum is not None:
+                coefficients.depend(position, datum, factor)
+            rows.append(number)
+            cols.append(at)
+        for bound, builder, missing in ((row.lower, low, -np.inf), (row.upper, high, np.inf)):
+            position = builder.add(missing if bound is None else pyo.value(bound) - constant)
+            if bound is not None:
+                for datum, factor in shifts:
+                    builder.depend(position, datum, -factor)
+    cost = _AffineBuilder()
+    for _ in columns:
+        cost.add()
+    for at, factor, datum in _terms(model.cost.expr, slot, column)[0]:
+        if datum is None:
+            cost.constant[at] += factor
+        else:
+            cost.depend(at, datum, factor)
+    return CompiledModel(
+        shape=shape,
+        columns={key: number for number, key in enumerate(columns)},
+        slots={key: number for number, key in enumerate(data)},
+        rows=np.array(rows, dtype=np.int32),
+        cols=np.array(cols, dtype=np.int32),
+        coefficients=coefficients.build(len(data)),
+        row_low=low.build(len(data)),
+        row_high=high.build(len(data)),
+        cost=cost.build(len(data)),
+        integer=np.array([variable.is_binary() for variable in columns.values()]),
+    )
+
+
+def _terms(
+    expression: Any,  # noqa: ANN401 - Pyomo has no types
+    slot: Mapping[int, int],
+    column: Mapping[int, int],
+) -> tuple[list[tuple[int, float, int | None]], float, list[tuple[int, float]]]:
+    """Split an expression into (column, factor, datum or None), its constant, and (datum, factor) without column."""
+    linear = generate_standard_repn(expression, quadratic=True)
+    if linear.nonlinear_expr is not None:
+        raise ValueError(f"a relation must be linear in the columns, got {linear.nonlinear_expr}")
+    terms: list[tuple[int, float, int | None]] = []
+    shifts: list[tuple[int, float]] = []
+    for variable, factor in zip(linear.linear_vars, linear.linear_coefs, strict=True):
+        if id(variable) in column:
+            terms.append((column[id(variable)], factor, None))
+        else:
+            shifts.append((slot[id(variable)], factor))
+    for (one, other), factor in zip(linear.quadratic_vars, linear.quadratic_coefs, strict=True):
+        datum, unknown = (one, other) if id(one) in slot else (other, one)
+        if id(datum) not in slot or id(unknown) not in column:
+            raise ValueError(f"a relation must be affine in the data, got {one} * {other}")
+        terms.append((column[id(unknown)], factor, slot[id(datum)]))
+    return terms, float(linear.constant), shifts
+
+
+@dataclass(frozen=True)
+class MilpResult:
+    """What HiGHS answered.
+
+    Attributes:
+        status: HiGHS' model status in words.
+        values: of the columns, None where there is no solution.
+    """
+
+    status: str
+    values: FloatArray | None
+
+    @property
+    def optimal(self) -> bool:
+        """Tell whether the values are a proven optimum."""
+        return self.status == "Optimal"
+
+
+def solve(compiled: CompiledModel, data: FloatArray) -> MilpResult:
+    """Fill a compiled model in and solve it.
+
+    Args:
+        compiled: the model.
+        data: one number a slot.
+    """
+    values = compiled.coefficients.at(data)
+    matrix = sparse.csc_array(
+        (values, (compiled.rows, compiled.cols)),
+        shape=(len(compiled.row_low.constant), len(compiled.columns)),
+    )
+    matrix.eliminate_zeros()
+    lp = highspy.HighsLp()
+    lp.num_col_, lp.num_row_ = matrix.shape[1], matrix.shape[0]
+    lp.col_cost_ = compiled.cost.at(data)
+    lp.col_lower_ = np.zeros(matrix.shape[1])
+    lp.col_upper_ = np.where(compiled.integer, 1.0, highspy.kHighsInf)
+    lp.row_lower_ = compiled.row_low.at(data)
+    lp.row_upper_ = compiled.row_high.at(data)
+    lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    lp.a_matrix_.start_ = matrix.indptr
+    lp.a_matrix_.index_ = matrix.indices
+    lp.a_matrix_.value_ = matrix.data
+    lp.integrality_ = [
+        highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in compiled.integer
+    ]
+    solver = _solver()
+    solver.passModel(lp)
+    solver.run()
+    status = solver.modelStatusToString(solver.getModelStatus())
+    found = solver.getInfo().primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible
+    result = MilpResult(status, np.array(solver.getSolution().col_value) if found else None)
+    solver.clearModel()
+    return result
+
+
+@lru_cache(maxsize=1)
+def _solver() -> highspy.Highs:
+    """Make the one HiGHS object of this process; every solve passes a whole model, so nothing is carried over."""
+    solver = highspy.Highs()  # type: ignore[no-untyped-call]
+    for option, value in OPTIONS.items():
+        if solver.setOptionValue(option, value) != highspy.HighsStatus.kOk:
+            raise ValueError(f"HiGHS must know the option {option!r}; this package needs highspy 1.15 or newer")
+    return solver
+
+
+def solver_version() -> str:
+    """Return HiGHS' version."""
+    return str(_solver().version())

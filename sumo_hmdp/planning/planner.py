@@ -1,0 +1,143 @@
+"""The planner `hmdp_mpc`: predict with the hybrid MDP, choose with the chance-constrained MILP."""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sumo_hmdp.domain.plan import Command, Decision, PredictedBranch
+from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.errors import SumoHmdpError
+from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
+from sumo_hmdp.hmdp.dynamics import Noise
+from sumo_hmdp.hmdp.policy import ScheduledPolicy
+from sumo_hmdp.planning.decide import MILP, Answer, SolverPair, answer
+from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
+from sumo_hmdp.planning.problem_file import problem_document
+
+# Branches are drawn down to this many a vehicle, the likeliest first; decisions use all of them.
+SHOWN_BRANCHES = 12
+
+
+class UnknownVehicleError(SumoHmdpError):
+    """A vehicle is in sight of which the planner was told nothing."""
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed of one surrounding vehicle.
+
+    Attributes:
+        policy: how it chooses its actions, by time.
+        noise: how uncertain its motion is.
+    """
+
+    policy: ScheduledPolicy
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class HmdpPlanner:
+    """The hybrid-MDP planner; its memory is empty, since a scene tells it everything.
+
+    Attributes:
+        settings: horizon, distances, risk, cost.
+        beliefs: by vehicle id.
+        default_belief: of a vehicle that is not listed; None makes such a vehicle an error.
+        sensing_range: vehicles farther along the road than this are not seen [m].
+        solver: how a decision is solved.
+        name: as in the registry.
+    """
+
+    settings: PlannerSettings
+    beliefs: Mapping[str, Belief]
+    default_belief: Belief | None = None
+    sensing_range: float = 200.0
+    solver: SolverPair = MILP
+    name: str = "hmdp_mpc"
+
+    @property
+    def period(self) -> float:
+        """Time between two decisions [s]."""
+        return self.settings.period
+
+    def initial_memory(self) -> None:
+        """Return None: nothing is remembered."""
+
+    def decide(self, scene: Scene, memory: None) -> tuple[Decision, None]:
+        """Answer one scene; the ego's lane and mode in it are those it intends.
+
+        Raises:
+            UnknownVehicleError: for a vehicle in range without a belief.
+            planning.optimiser.SolverError: if the solver proves nothing.
+        """
+        started = time.perf_counter()
+        problem = self.problem(scene)
+        result = answer(problem, self.solver)
+        return replace(to_decision(problem, result, scene.time), solve_time=time.perf_counter() - started), memory
+
+    def problem(self, scene: Scene) -> DecisionProblem:
+        """Return the decision problem of a scene."""
+        seen = (other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range)
+        vehicles = tuple(self._predicted(other, scene.time) for other in seen)
+        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles)
+
+    def _predicted(self, state: VehicleState, now: float) -> PredictedVehicle:
+        belief = self.beliefs.get(state.id, self.default_belief)
+        if belief is None:
+            raise UnknownVehicleError(
+                f"every vehicle in range must have a policy, got none for {state.id!r} (at {now:g} s). "
+                "Give it one in the scenario, or a `default_policy`."
+            )
+        return PredictedVehicle(state, belief.policy.at(now), belief.noise)
+
+
+def to_decision(problem: DecisionProblem, result: Answer, now: float) -> Decision:
+    """Turn the answer to a problem into a decision with everything that is recorded of it."""
+    accel = result.mode * problem.settings.accel if result.brake is None else -result.brake
+    lane = problem.ego.lane + result.lateral
+    return Decision(
+        time=now,
+        status=result.status,
+        command=Command(lane=lane, accel=float(accel)),
+        lateral=result.lateral,
+        mode=result.mode,
+        plan=result.plan,
+        objective=result.objective,
+        violation=result.violation,
+        reason=result.reason,
+        solver=result.solver,
+        solve_time=result.solve_time,
+        pruned_prob=float(result.branches.pruned.max(initial=0.0)),
+        branch_count=len(result.branches.vehicle),
+        branches=shown_branches(problem, result.branches),
+        forbidden=result.corridors.forbidden,
+        problem_json=json.dumps(problem_document(problem)),
+    )
+
+
+def shown_branches(problem: DecisionProblem, branches: Branches) -> tuple[PredictedBranch, ...]:
+    """Return the likeliest branches of each vehicle with their spread along and across the road."""
+    prediction = problem.settings.prediction()
+    y = lateral_means(branches, problem.road, prediction)
+    shown = []
+    for index, vehicle in enumerate(branches.vehicles):
+        rows = np.flatnonzero(branches.vehicle == index)
+        likeliest = rows[np.argsort(-branches.probability[rows], kind="stable")][:SHOWN_BRANCHES]
+        for row in likeliest.tolist():
+            variances = np.diagonal(covariances(branches, row, prediction), axis1=1, axis2=2)
+            shown.append(
+                PredictedBranch(
+                    vehicle_id=vehicle.state.id,
+                    probability=float(branches.probability[row]),
+                    lanes=tuple(branches.lanes[row].tolist()),
+                    modes=tuple(branches.modes[row].tolist()),
+                    x=tuple(branches.x[row].tolist()),
+                    y=tuple(y[row].tolist()),
+                    x_std=tuple(np.sqrt(variances[:, 0]).tolist()),
+                    y_std=tuple(np.sqrt(variances[:, 1]).tolist()),
+                )
+            )
+    return tuple(shown)

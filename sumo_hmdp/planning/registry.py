@@ -1,0 +1,107 @@
+"""Planners by name: those of this package and those that other packages offer as entry points."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any
+
+from sumo_hmdp.domain.plan import Planner
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.planning.decide import SOLVERS
+from sumo_hmdp.planning.planner import Belief, HmdpPlanner
+from sumo_hmdp.planning.problem_file import PlannerFile
+from sumo_hmdp.validation import FileModel, nearest
+
+ENTRY_POINT_GROUP = "sumo_hmdp.planners"
+
+
+class HmdpParameters(PlannerFile):
+    """The keys of `hmdp_mpc` in a scenario: those of a decision file, and how far it sees."""
+
+    sensing_range_m: float = 200.0
+
+
+@dataclass(frozen=True)
+class PlannerContext:
+    """What a scenario offers to any planner.
+
+    Attributes:
+        lane_count: of the road.
+        lane_width: of the road [m].
+        dt: control step [s].
+        lane_change_time: of the ego [s].
+        beliefs: what the scenario says of each vehicle's policy and noise.
+        default_belief: of the vehicles it says nothing of.
+        solver: the name given with `--solver`.
+    """
+
+    lane_count: int
+    lane_width: float
+    dt: float
+    lane_change_time: float
+    beliefs: Mapping[str, Belief]
+    default_belief: Belief | None
+    solver: str
+
+
+@dataclass(frozen=True)
+class PlannerKind:
+    """A planner that scenarios can name.
+
+    Attributes:
+        name: in scenarios and on the command line.
+        summary: one line for `sumo-hmdp list`.
+        parameters: what its section in a scenario may hold.
+        build: makes the planner.
+    """
+
+    name: str
+    summary: str
+    parameters: type[FileModel]
+    build: Callable[[Any, PlannerContext], Planner[Any]]
+
+
+def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlanner:
+    return HmdpPlanner(
+        settings=parameters.settings(),
+        beliefs=context.beliefs,
+        default_belief=context.default_belief,
+        sensing_range=parameters.sensing_range_m,
+        solver=SOLVERS[context.solver],
+    )
+
+
+HMDP_MPC = PlannerKind(
+    "hmdp_mpc", "hybrid-MDP prediction, chance-constrained MILP over maneuvers", HmdpParameters, _build_hmdp
+)
+BUILT_IN = (HMDP_MPC,)
+
+
+def planner_kinds() -> dict[str, PlannerKind]:
+    """Return every known planner by name.
+
+    Raises:
+        InputError: if two packages offer the same name.
+    """
+    kinds = {kind.name: kind for kind in BUILT_IN}
+    problems = []
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        kind: PlannerKind = entry.load()
+        if kind.name in kinds:
+            problems.append(Problem(f"planner {kind.name}", f"must be offered once, got it again from {entry.value}"))
+        kinds[kind.name] = kind
+    if problems:
+        raise InputError(problems)
+    return kinds
+
+
+def planner_kind(name: str, path: str) -> PlannerKind:
+    """Return a planner by name.
+
+    Raises:
+        InputError: if there is none, with the nearest known name.
+    """
+    kinds = planner_kinds()
+    if name not in kinds:
+        raise InputError([Problem(path, f"must be a known planner, got {name!r}; {nearest(name, kinds)}")])
+    return kinds[name]

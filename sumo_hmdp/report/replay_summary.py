@@ -1,0 +1,117 @@
+"""What the head of a replay page says about the run: a few numbers, each from the recorded steps."""
+
+import statistics
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from sumo_hmdp.domain.plan import Status
+
+
+@dataclass(frozen=True)
+class SmallestGap:
+    """The smallest bumper-to-bumper gap between the ego and a vehicle in its lane.
+
+    Attributes:
+        gap_m: negative where the two overlap [m].
+        time_s: when [s].
+        vehicle_id: to whom.
+        ahead: whether that vehicle is ahead of the ego.
+    """
+
+    gap_m: float
+    time_s: float
+    vehicle_id: str
+    ahead: bool
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The run in numbers; None stands for what the run did not record.
+
+    Attributes:
+        distance_m: along the road, from the ego's first to its last record [m].
+        speed_mean_mps: mean over the ego's records [m/s].
+        smallest_gap: over all instants, None where no vehicle ever shared the ego's lane.
+        lane_changes: (time [s], new lane, whether it lies to the left) of each change of the ego's lane.
+        statuses: how many decisions had each status.
+        solve_time_median_ms: over all decisions [ms].
+        solve_time_max_ms: over all decisions [ms].
+    """
+
+    distance_m: float | None
+    speed_mean_mps: float | None
+    smallest_gap: SmallestGap | None
+    lane_changes: tuple[tuple[float, int, bool], ...]
+    statuses: dict[str, int]
+    solve_time_median_ms: float | None
+    solve_time_max_ms: float | None
+
+
+def summarize(data: Mapping[str, Any]) -> Summary:
+    """Summarize the data of a replay page.
+
+    Args:
+        data: as `replay_data` returns it.
+
+    Returns:
+        The summary; a run without an ego has no distance, speed or gap.
+    """
+    ego = next((vehicle for vehicle in data["vehicles"] if vehicle["id"] == data["ego_id"]), None)
+    x = [value for value in ego["x_m"] if value is not None] if ego else []
+    speeds = [value for value in ego["speed_mps"] if value is not None] if ego else []
+    solve_times = [d["solve_time_ms"] for d in data["decisions"] if d["solve_time_ms"] is not None]
+    return Summary(
+        distance_m=x[-1] - x[0] if x else None,
+        speed_mean_mps=statistics.fmean(speeds) if speeds else None,
+        smallest_gap=_smallest_gap(data, ego) if ego else None,
+        lane_changes=_lane_changes(data, ego) if ego else (),
+        statuses=_statuses(data),
+        solve_time_median_ms=statistics.median(solve_times) if solve_times else None,
+        solve_time_max_ms=max(solve_times, default=None),
+    )
+
+
+def _smallest_gap(data: Mapping[str, Any], ego: Mapping[str, Any]) -> SmallestGap | None:
+    gaps = [
+        gap
+        for other in data["vehicles"]
+        if other is not ego
+        for frame in range(max(ego["first"], other["first"]), min(_end(ego), _end(other)))
+        if (gap := _gap(ego, other, frame, data["times_s"][frame])) is not None
+    ]
+    return min(gaps, key=lambda gap: (gap.gap_m, gap.time_s, gap.vehicle_id), default=None)
+
+
+def _gap(ego: Mapping[str, Any], other: Mapping[str, Any], frame: int, time: float) -> SmallestGap | None:
+    """Return the gap at one frame, or None where the two are not in one lane or one is not recorded."""
+    i, j = frame - ego["first"], frame - other["first"]
+    lane, ego_x, other_x = ego["lane"][i], ego["x_m"][i], other["x_m"][j]
+    if ego_x is None or other_x is None or lane is None or lane != other["lane"][j]:
+        return None
+    ahead, behind = other_x - other["length_m"] - ego_x, ego_x - ego["length_m"] - other_x
+    # Of two intervals the larger difference is the one between the bumpers that face each other.
+    return SmallestGap(max(ahead, behind), time, other["id"], ahead >= behind)
+
+
+def _lane_changes(data: Mapping[str, Any], ego: Mapping[str, Any]) -> tuple[tuple[float, int, bool], ...]:
+    recorded = [
+        (data["times_s"][ego["first"] + i], lane) for i, lane in enumerate(ego["lane"]) if lane is not None
+    ]
+    return tuple(
+        (time, lane, lane < before) for (_, before), (time, lane) in pairwise(recorded) if lane != before
+    )
+
+
+def _statuses(data: Mapping[str, Any]) -> dict[str, int]:
+    """Count the decisions of each status, from the best status to the worst, unknown ones last."""
+    order = [status.value for status in Status]
+    counts = Counter(decision["status"] for decision in data["decisions"])
+    known = [status for status in order if status in counts]
+    return {status: counts[status] for status in [*known, *sorted(set(counts) - set(known))]}
+
+
+def _end(vehicle: Mapping[str, Any]) -> int:
+    return int(vehicle["first"]) + len(vehicle["x_m"])

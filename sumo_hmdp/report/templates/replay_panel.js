@@ -1,0 +1,116 @@
+// The parts of the page that are text: the decision, the vehicles at an instant, the events.
+function make(tag, properties, ...children) {
+  const element = Object.assign(document.createElement(tag), properties);
+  element.append(...children.map((child) => (child instanceof Node ? child : String(child))));
+  return element;
+}
+
+const cell = (text, className = "") => make("td", { className }, text);
+const headRow = (names) => make("thead", {}, make("tr", {}, ...names.map(([name, className = ""]) => make("th", { scope: "col", className }, name))));
+const fact = (name, ...values) => make("div", {}, make("dt", {}, name), make("dd", {}, ...values));
+
+function significant(value) {
+  if (value === null) return "–";
+  return Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3) ? value.toExponential(2) : Number(value.toPrecision(5)).toString();
+}
+
+function showDecision(decision, onStep) {
+  const title = document.getElementById("decision-title");
+  const box = document.getElementById("decision");
+  if (!decision) {
+    title.textContent = "Decision";
+    box.replaceChildren(make("p", { className: "empty" }, decisions.length ? "No decision at this instant yet." : "This run recorded no decisions."));
+    return;
+  }
+  title.textContent = `Decision ${decision.decision_index} at ${decision.time_s.toFixed(2)} s`;
+  const badge = make("span", { className: "badge" }, decision.status || "no status");
+  badge.dataset.status = decision.status;
+  const head = make("div", { className: "decision-head" }, badge, make("b", {}, actionText(decision)));
+  const why = decision.reason ? [make("p", { className: "why" }, decision.reason)] : [];
+  box.replaceChildren(head, ...why, factsOf(decision), planTable(decision, onStep));
+}
+
+function actionText(decision) {
+  const lateral = { left: "left", keep: "keep lane", right: "right" }[decision.lateral] ?? decision.lateral;
+  return [lateral, decision.mode].filter(Boolean).join(", ") + (decision.lane === null ? "" : ` (lane ${decision.lane})`);
+}
+
+function factsOf(decision) {
+  const subjects = new Set(decision.branches.map((branch) => branch.vehicle_id)).size;
+  const count = decision.branch_count ?? decision.branches.length;
+  return make("dl", { className: "facts" },
+    fact("Objective", significant(decision.objective)),
+    fact("Violation (m)", significant(decision.violation_m)),
+    fact("Solve time (ms)", fixed(decision.solve_time_ms, 1)),
+    fact("Solver", decision.solver || "–"),
+    fact("Branches", count, ...(subjects ? [make("small", {}, ` of ${subjects} vehicle${subjects > 1 ? "s" : ""}`)] : [])),
+    fact("Pruned prob.", significant(decision.pruned_prob)));
+}
+
+function planTable(decision, onStep) {
+  if (!decision.plan.length) return make("p", { className: "empty" }, "This decision has no plan.");
+  const rows = decision.plan.map((entry) => {
+    const choose = make("button", { type: "button" }, entry.step);
+    choose.setAttribute("aria-label", `Show horizon step ${entry.step}`);
+    const row = make("tr", {}, make("td", {}, choose), cell(fixed(horizonTime(decision, entry.step), 2)),
+      cell(entry.lateral ?? "–", "word"), cell(entry.mode ?? "–", "word"), cell(entry.lane ?? "–"),
+      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)));
+    row.dataset.step = entry.step;
+    row.addEventListener("click", () => onStep(entry.step));
+    return row;
+  });
+  const heads = [["Step"], ["t (s)"], ["Lateral", "word"], ["Mode", "word"], ["Lane"], ["x (m)"], ["m/s"]];
+  const table = make("table", { className: "plan-table" }, headRow(heads), make("tbody", {}, ...rows));
+  const scroll = make("div", { className: "scroll", tabIndex: 0 }, table);
+  scroll.setAttribute("role", "region");
+  scroll.setAttribute("aria-label", "Plan");
+  return scroll;
+}
+
+function showHorizon(decision) {
+  const output = document.getElementById("horizon");
+  if (!output) return;
+  const most = decision ? horizonOf(decision) : 0;
+  const time = decision && most ? horizonTime(decision, view.horizon) : null;
+  output.textContent = most ? `${view.horizon} of ${most}${time === null ? "" : `, ${time.toFixed(2)} s`}` : "–";
+  document.getElementById("horizon-less").disabled = !most || view.horizon <= 1;
+  document.getElementById("horizon-more").disabled = !most || view.horizon >= most;
+  for (const row of document.querySelectorAll(".plan-table tbody tr")) {
+    row.setAttribute("aria-selected", String(Number(row.dataset.step) === view.horizon));
+  }
+}
+
+function showScene(cursor) {
+  if (!document.getElementById("scene").open) return;
+  const egoState = ego && stateOf(ego, cursor);
+  const rows = vehicles.map((vehicle) => [vehicle, stateOf(vehicle, cursor)]).filter(([, state]) => state)
+    .sort(([, a], [, b]) => b.x - a.x)
+    .map(([vehicle, state]) => make("tr", {}, cell(vehicle.id), cell(state.lane ?? "–"), cell(state.intended ?? "–"),
+      cell(MODE_NAMES[state.mode] ?? "–", "word"), cell(state.x.toFixed(2)), cell(state.y.toFixed(2)),
+      cell(state.speed.toFixed(2)), cell(fixed(state.accel, 2)), cell(fixed(gapToEgo(vehicle, state, egoState), 2))));
+  const heads = [["Vehicle"], ["Lane"], ["Intends"], ["Mode", "word"], ["x (m)"], ["y (m)"], ["Speed (m/s)"], ["Acceleration (m/s²)"], ["Gap to ego (m)"]];
+  document.getElementById("scene-table").replaceChildren(headRow(heads), make("tbody", {}, ...rows));
+}
+
+function sceneText(cursor) {
+  const egoState = ego && stateOf(ego, cursor);
+  const start = `Top view of the road at ${cursor.time.toFixed(2)} s. `;
+  if (!egoState) return `${start}The ego is not on the road.`;
+  const leader = vehicles.filter((vehicle) => vehicle !== ego)
+    .map((vehicle) => ({ vehicle, state: stateOf(vehicle, cursor) }))
+    .filter(({ state }) => state && state.lane === egoState.lane && state.x > egoState.x)
+    .sort((a, b) => a.state.x - b.state.x)[0];
+  const ahead = leader ? `${leader.vehicle.id} is ahead, gap ${gapToEgo(leader.vehicle, leader.state, egoState).toFixed(1)} m.` : "Nobody is ahead in its lane.";
+  return `${start}Ego in lane ${egoState.lane} at ${egoState.x.toFixed(1)} m, ${egoState.speed.toFixed(1)} m/s. ${ahead}`;
+}
+
+function fillEvents(onSeek) {
+  document.getElementById("event-count").textContent = `(${events.length})`;
+  const items = events.map((event) => {
+    const button = make("button", { type: "button" }, make("b", {}, `${event.time.toFixed(2)} s`), ` ${event.text}`);
+    button.addEventListener("click", () => onSeek(event.time));
+    return make("li", {}, button);
+  });
+  if (!items.length) items.push(make("li", { className: "empty" }, "No lane change, and every decision was optimal."));
+  document.getElementById("event-list").replaceChildren(...items);
+}

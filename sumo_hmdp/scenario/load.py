@@ -1,0 +1,369 @@
+"""From a scenario file to a run that is ready to start."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState, Mode
+from sumo_hmdp.domain.plan import Planner
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import EGO_ID, VehicleState
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.hmdp.policy import ScheduledPolicy, dead_end
+from sumo_hmdp.planning.decide import SOLVERS
+from sumo_hmdp.planning.planner import Belief
+from sumo_hmdp.planning.problem_file import dead_end_problem, planner_checks, table_checks
+from sumo_hmdp.planning.registry import PlannerContext, planner_kind
+from sumo_hmdp.scenario.schema import (
+    ConstantSpeedFile,
+    IdmFile,
+    ModeScheduleFile,
+    ScenarioFile,
+    VehicleFile,
+)
+from sumo_hmdp.sim.episode import Driver, EpisodeSettings
+from sumo_hmdp.sim.world_checks import WorldSettings
+from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
+from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
+from sumo_hmdp.validation import nearest, parse
+from sumo_hmdp.vehicle.bicycle import BicycleParameters
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line may change.
+
+    Attributes:
+        planner: None takes the scenario's own.
+        solver: a name of `SOLVERS`.
+        seed: of everything random.
+        risk_level: epsilon of the planner, None takes the scenario's.
+    """
+
+    planner: str | None = None
+    solver: str = "milp"
+    seed: int = 0
+    risk_level: float | None = None
+
+
+@dataclass(frozen=True)
+class ReadyRun:
+    """A run that only has to be started.
+
+    Attributes:
+        scenario: the scenario's name.
+        planner_name: the planner's name.
+        seed: the seed.
+        solver: the solver's name.
+        episode: what happens.
+        world: network and step.
+        spawns: the surrounding vehicles.
+        planner: who decides.
+        parameters: of the planner, as in the file form.
+        configuration: the whole scenario as it was used.
+    """
+
+    scenario: str
+    planner_name: str
+    seed: int
+    solver: str
+    episode: EpisodeSettings
+    world: WorldSettings
+    spawns: tuple[Spawn, ...]
+    planner: Planner[Any]
+    parameters: Mapping[str, Any]
+    configuration: Mapping[str, Any]
+
+
+def data_folder(kind: str) -> Path:
+    """Return the folder of the scenarios or networks that come with the package."""
+    packaged = Path(str(files("sumo_hmdp"))) / "_data" / kind
+    return packaged if packaged.is_dir() else Path(str(files("sumo_hmdp"))).parent / kind
+
+
+def scenario_names() -> dict[str, Path]:
+    """Return the scenarios that come with the package, by name."""
+    return {path.stem: path for path in sorted(data_folder("scenarios").glob("*.yaml"))}
+
+
+def find_scenario(name_or_path: str) -> Path:
+    """Return the file of a scenario, given by path or by the name of one that comes with the package.
+
+    Raises:
+        InputError: if there is neither.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    known = scenario_names()
+    if name_or_path in known:
+        return known[name_or_path]
+    remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
+    raise InputError([f"must be a scenario file or name, got {name_or_path!r} (no such file); {remedy}"])
+
+
+def read_yaml(path: Path) -> Any:  # noqa: ANN401 - anything may stand in a file
+    """Read a YAML file.
+
+    Raises:
+        InputError: if it cannot be read or parsed, with the line.
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError([f"cannot be read: {error.strerror}. Check the path and its permissions"], str(path)) from None
+    except UnicodeDecodeError as error:
+        raise InputError([f"must be UTF-8 text: {error.reason} at byte {error.start}"], str(path)) from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        what = getattr(error, "problem", None) or "syntax error"
+        raise InputError([f"must be YAML: {what}{where}"], str(path)) from None
+
+
+def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
+    """Read, check and assemble a scenario.
+
+    Args:
+        path: the YAML file.
+        options: what the command line changes.
+
+    Raises:
+        InputError: with every mistake and its path.
+    """
+    options = options or RunOptions()
+    content = read_yaml(path)
+    problems: list[Problem] = []
+    scenario: ScenarioFile | None = None
+    try:
+        scenario = parse(ScenarioFile, content)
+    except InputError as error:
+        problems.extend(error.problems)
+    raw = content if isinstance(content, Mapping) else {}
+    name, parameters = None, None
+    try:
+        name, parameters = _planner_parameters(raw, options)
+    except InputError as error:
+        problems.extend(error.problems)
+    problems.extend(_cross_checks(raw))
+    if scenario is None or parameters is None or name is None or problems:
+        raise InputError(_unique(problems), str(path))
+    problems.extend(_dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(_time_checks(scenario, getattr(parameters, "period_s", scenario.dt_s)))
+    if problems:
+        raise InputError(problems, str(path))
+    return _assemble(scenario, name, parameters, options)
+
+
+def _unique(problems: list[Problem]) -> list[Problem]:
+    return list(dict.fromkeys(problems))
+
+
+def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[str, Any]:
+    """Return the planner's name and its checked parameters."""
+    name = options.planner or raw.get("planner")
+    if options.solver not in SOLVERS:
+        raise InputError(
+            [
+                Problem(
+                    "--solver",
+                    f"must be a known solver, got {options.solver!r}; {nearest(options.solver, SOLVERS)}",
+                )
+            ]
+        )
+    if not isinstance(name, str):
+        raise InputError([])
+    kind = planner_kind(name, "--planner" if options.planner else "planner")
+    sections = raw.get("planners")
+    section = (
+        dict(sections.get(name) or {})
+        if isinstance(sections, Mapping) and isinstance(sections.get(name), Mapping)
+        else {}
+    )
+    if options.risk_level is not None:
+        if "risk_level" not in kind.parameters.model_fields:
+            raise InputError([Problem("--epsilon", f"must go with a planner that has a risk level, got {name!r}")])
+        section["risk_level"] = options.risk_level
+    problems: list[Problem] = []
+    parameters = None
+    try:
+        parameters = parse(kind.parameters, section)
+    except InputError as error:
+        problems.extend(Problem(f"planners.{name}.{p.path}", p.message) for p in error.problems)
+    problems.extend(planner_checks(section, f"planners.{name}"))
+    problems.extend(_planner_lanes(section, f"planners.{name}", _lane_count(raw)))
+    if problems:
+        raise InputError(problems)
+    return name, parameters
+
+
+def _lane_count(raw: Mapping[str, Any]) -> int | None:
+    lanes = raw.get("lanes")
+    count = lanes.get("count") if isinstance(lanes, Mapping) else None
+    return count if isinstance(count, int) and not isinstance(count, bool) and count >= 1 else None
+
+
+def _planner_lanes(section: Mapping[str, Any], path: str, count: int | None) -> Iterator[Problem]:
+    if count is None:
+        return
+    goal = section.get("goal_lane")
+    if isinstance(goal, int) and not 1 <= goal <= count:
+        yield Problem(f"{path}.goal_lane", f"must be 1..{count}, got {goal}")
+    forbidden = section.get("forbidden_lanes")
+    if isinstance(forbidden, list):
+        for index, lane in enumerate(forbidden):
+            if isinstance(lane, int) and not 1 <= lane <= count:
+                yield Problem(f"{path}.forbidden_lanes[{index}]", f"must be 1..{count}, got {lane}")
+        if set(range(1, count + 1)) <= {lane for lane in forbidden if isinstance(lane, int)}:
+            yield Problem(f"{path}.forbidden_lanes", "must leave the ego at least one lane; take one out")
+
+
+def _cross_checks(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    """Check what takes more than one field; values of a wrong type have been reported already."""
+    count = _lane_count(raw)
+    network = raw.get("network")
+    if isinstance(network, str) and not _network_path(network).is_file():
+        known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
+        yield Problem(
+            "network",
+            f"must be a network that exists, got {network!r}; known are {', '.join(known)}, or give a path",
+        )
+    ego = raw.get("ego")
+    vehicles = raw.get("vehicles")
+    holders = [("ego", ego)] if isinstance(ego, Mapping) else []
+    if isinstance(vehicles, list):
+        holders += [(f"vehicles[{i}]", v) for i, v in enumerate(vehicles) if isinstance(v, Mapping)]
+    seen: set[str] = {EGO_ID}
+    for path, holder in holders:
+        lane = holder.get("lane")
+        if count is not None and isinstance(lane, int) and not 1 <= lane <= count:
+            yield Problem(f"{path}.lane", f"must be 1..{count}, got {lane}")
+        vehicle_id = holder.get("id")
+        if isinstance(vehicle_id, str):
+            if vehicle_id in seen:
+                yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {vehicle_id!r}; rename it")
+            seen.add(vehicle_id)
+        policies = holder.get("policy")
+        for i, policy in enumerate(policies if isinstance(policies, list) else []):
+            yield from table_checks(policy, f"{path}.policy[{i}]", count)
+
+
+def _dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
+    for index, vehicle in enumerate(scenario.vehicles):
+        for i, policy in enumerate(vehicle.policy):
+            # Any mode may be the present one when the policy comes into force.
+            for mode in Mode:
+                stuck = dead_end(policy.policy(scenario.lanes.count), ManeuverState(vehicle.lane, mode), horizon)
+                if stuck is not None:
+                    yield dead_end_problem(f"vehicles[{index}].policy[{i}]", stuck)
+                    break
+
+
+def _time_checks(scenario: ScenarioFile, period: float) -> Iterator[Problem]:
+    for path, value in (("duration_s", scenario.duration_s), ("period_s", period)):
+        ratio = value / scenario.dt_s
+        if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6:
+            yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
+
+
+def _network_path(network: str) -> Path:
+    packaged = data_folder("networks") / f"{network}.net.xml"
+    return packaged if packaged.is_file() else Path(network)
+
+
+def _assemble(scenario: ScenarioFile, name: str, parameters: Any, options: RunOptions) -> ReadyRun:  # noqa: ANN401
+    road = Road(scenario.lanes.count, scenario.lanes.width_m)
+    bicycle = BicycleParameters()
+    ego = VehicleState(
+        id=EGO_ID,
+        x=scenario.ego.x_m,
+        y=road.center_y(scenario.ego.lane),
+        speed=scenario.ego.speed_mps,
+        lane=scenario.ego.lane,
+        mode=MODE_BY_LABEL[scenario.ego.mode],
+        length=bicycle.length,
+        width=bicycle.width,
+    )
+    context = PlannerContext(
+        lane_count=road.lane_count,
+        lane_width=road.lane_width,
+        dt=scenario.dt_s,
+        lane_change_time=scenario.ego.lane_change_time_s,
+        beliefs={vehicle.id: _belief(vehicle, road.lane_count) for vehicle in scenario.vehicles},
+        default_belief=None,
+        solver=options.solver,
+    )
+    drivers = {vehicle.id: driver for vehicle in scenario.vehicles if (driver := _driver(vehicle)) is not None}
+    return ReadyRun(
+        scenario=scenario.name,
+        planner_name=name,
+        seed=options.seed,
+        solver=options.solver,
+        episode=EpisodeSettings(
+            road=road,
+            dt=scenario.dt_s,
+            duration=scenario.duration_s,
+            ego=ego,
+            bicycle=bicycle,
+            lane_change_time=scenario.ego.lane_change_time_s,
+            drivers=drivers,
+        ),
+        world=WorldSettings(_network_path(scenario.network), road, scenario.dt_s, options.seed),
+        spawns=tuple(_spawn(vehicle) for vehicle in scenario.vehicles),
+        planner=planner_kind(name, "planner").build(parameters, context),
+        parameters=parameters.model_dump(),
+        configuration=scenario.model_dump(),
+    )
+
+
+def _belief(vehicle: VehicleFile, lane_count: int) -> Belief:
+    entries = sorted(((entry.from_s, entry.policy(lane_count)) for entry in vehicle.policy), key=lambda item: item[0])
+    return Belief(ScheduledPolicy(tuple(entries)), vehicle.noise())
+
+
+def _driver(vehicle: VehicleFile) -> Driver | None:
+    """Return the driver of a scripted vehicle, None for one that SUMO drives."""
+    match vehicle.driver:
+        case ConstantSpeedFile():
+            return ConstantSpeed()
+        case ModeScheduleFile() as file:
+            following = file.car_following
+            return ModeSchedule(
+                switches=tuple((s.from_s, MODE_BY_LABEL[s.mode]) for s in file.switches),
+                accel=file.accel_mps2,
+                speed_cap=file.speed_max_mps,
+                car_following=None
+                if following is None
+                else GapKeeping(
+                    standstill_gap=following.standstill_gap_m,
+                    time_gap=following.time_gap_s,
+                    gap_gain=following.gap_gain_ps2,
+                    speed_gain=following.speed_gain_ps,
+                    decel_max=following.decel_max_mps2,
+                    accel_max=following.accel_max_mps2,
+                    release_surplus=following.release_surplus_m,
+                ),
+                clock=Clock(file.clock),
+            )
+        case _:
+            return None
+
+
+def _spawn(vehicle: VehicleFile) -> Spawn:
+    common: dict[str, Any] = {
+        "id": vehicle.id, "lane": vehicle.lane, "x": vehicle.x_m, "speed": vehicle.speed_mps,
+        "length": vehicle.length_m, "width": vehicle.width_m,
+    }  # fmt: skip
+    if isinstance(vehicle.driver, IdmFile):
+        idm = vehicle.driver
+        return Spawn(
+            **common,
+            driver=DriverKind.IDM,
+            desired_speed=idm.desired_speed_mps,
+            idm=IdmParameters(idm.min_gap_m, idm.time_gap_s, idm.accel_mps2, idm.decel_mps2, idm.exponent),
+        )
+    return Spawn(**common, driver=DriverKind.SCRIPTED)

@@ -1,0 +1,110 @@
+"""What a scenario file may hold. Every key ends in its unit; unknown keys are errors."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from sumo_hmdp.planning.problem_file import (
+    LanesFile,
+    ModeName,
+    NoiseFile,
+    NonNegative,
+    PolicyFile,
+    Positive,
+)
+from sumo_hmdp.validation import FileModel
+
+
+class EgoFile(FileModel):
+    """`ego`: where the ego starts, and its body; (x, y) is the centre of the front bumper, y that of its lane."""
+
+    x_m: float
+    lane: int
+    speed_mps: NonNegative
+    mode: ModeName = "cruise"
+    lane_change_time_s: Positive = 4.0
+
+
+class SwitchFile(FileModel):
+    """One entry of a mode schedule."""
+
+    from_s: NonNegative
+    mode: ModeName
+
+
+class CarFollowingFile(FileModel):
+    """Car following of a mode schedule: surplus = gap - (standstill_gap + time_gap * speed)."""
+
+    standstill_gap_m: NonNegative = 2.0
+    time_gap_s: NonNegative = 1.5
+    gap_gain_ps2: NonNegative = 0.25
+    speed_gain_ps: NonNegative = 0.9
+    decel_max_mps2: Positive = 3.0
+    accel_max_mps2: Positive = 2.0
+    release_surplus_m: float = 4.0
+
+
+class ConstantSpeedFile(FileModel):
+    """`driver: {kind: constant_speed}`."""
+
+    kind: Literal["constant_speed"]
+
+
+class ModeScheduleFile(FileModel):
+    """`driver: {kind: mode_schedule}`: modes by the time since the run, or the ego's first lane change, began."""
+
+    kind: Literal["mode_schedule"]
+    switches: Annotated[list[SwitchFile], Field(min_length=1)]
+    clock: Literal["run", "ego_change"] = "run"
+    accel_mps2: Positive
+    speed_max_mps: Positive
+    car_following: CarFollowingFile | None = None
+
+
+class IdmFile(FileModel):
+    """`driver: {kind: idm}`: SUMO's Intelligent Driver Model."""
+
+    kind: Literal["idm"]
+    desired_speed_mps: Positive
+    min_gap_m: Positive = 2.0
+    time_gap_s: Positive = 1.5
+    accel_mps2: Positive = 1.5
+    decel_mps2: Positive = 2.0
+    exponent: Positive = 4.0
+
+
+DriverFile = Annotated[ConstantSpeedFile | ModeScheduleFile | IdmFile, Field(discriminator="kind")]
+
+
+class TimedPolicyFile(PolicyFile):
+    """A policy that holds from a time on."""
+
+    from_s: NonNegative = 0.0
+
+
+class VehicleFile(NoiseFile):
+    """One surrounding vehicle: where it starts, who drives it, and what the planner believes of it."""
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    x_m: float
+    lane: int
+    speed_mps: NonNegative
+    length_m: Positive = 4.5
+    width_m: Positive = 1.8
+    driver: DriverFile
+    policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
+
+
+class ScenarioFile(FileModel):
+    """A scenario."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+    description: str
+    network: str
+    lanes: LanesFile
+    duration_s: Positive
+    dt_s: Positive
+    ego: EgoFile
+    vehicles: list[VehicleFile]
+    planner: str
+    planners: dict[str, dict[str, Any]]

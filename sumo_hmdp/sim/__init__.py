@@ -1,0 +1,1 @@
+"""The closed loop and the bridge to SUMO."""

@@ -1,0 +1,238 @@
+"""The closed loop: observe, decide when due, track, apply, advance, record."""
+
+import hashlib
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from sumo_hmdp.domain.maneuver import Mode
+from sumo_hmdp.domain.plan import Command, Decision, Planner
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.sim.contact import Contact, contacts
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.vehicle.bicycle import (
+    BicycleParameters,
+    BicycleState,
+    advance,
+    from_front_bumper,
+    front_bumper,
+)
+from sumo_hmdp.vehicle.reference import Reference, follow
+from sumo_hmdp.vehicle.tracking import TrackingInfo, TrackingMpc, TrackingWeights, WarmStart
+
+# Steps that the tracking MPC looks ahead: 1.8 s at 0.15 s, longer than any limit takes to build up.
+TRACKING_STEPS = 12
+
+
+class Driver(Protocol):
+    """Who decides the acceleration of a scripted vehicle."""
+
+    def initial_memory(self) -> Any:  # noqa: ANN401 - each driver's own
+        """Return the memory before the first step."""
+        ...
+
+    def accelerate(
+        self,
+        scene: Scene,
+        vehicle: VehicleState,
+        memory: Any,  # noqa: ANN401 - each driver's own
+        dt: float,
+    ) -> tuple[float, Mode, Any]:
+        """Return acceleration [m/s2], the mode that it stands for, and the new memory."""
+        ...
+
+
+@dataclass(frozen=True)
+class EpisodeSettings:
+    """What a run is, besides world and planner.
+
+    Attributes:
+        road: lanes.
+        dt: control and simulation step T_l [s].
+        duration: [s], a multiple of dt.
+        ego: where the ego starts.
+        bicycle: its body and limits.
+        lane_change_time: of the ego's quintic [s].
+        drivers: of the scripted vehicles, by id.
+    """
+
+    road: Road
+    dt: float
+    duration: float
+    ego: VehicleState
+    bicycle: BicycleParameters
+    lane_change_time: float
+    drivers: Mapping[str, Driver]
+
+    @property
+    def steps(self) -> int:
+        """Number of simulation steps."""
+        return round(self.duration / self.dt)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One recorded instant.
+
+    Attributes:
+        step: 0 at the start.
+        scene: everybody.
+        decision: the decision taken at this instant, None between decisions.
+        contacts: of the ego at this instant.
+        sumo_contacts: what SUMO reported of the ego since the instant before.
+        tracking: how the tracking QP of the step went, None at the last instant.
+    """
+
+    step: int
+    scene: Scene
+    decision: Decision | None
+    contacts: tuple[Contact, ...]
+    sumo_contacts: tuple[tuple[str, str], ...]
+    tracking: TrackingInfo | None
+
+
+@dataclass(frozen=True)
+class Carry:
+    """All that goes from one step to the next."""
+
+    ego: BicycleState
+    command: Command
+    mode: Mode
+    planner_memory: Any
+    driver_memories: Mapping[str, Any]
+    driver_modes: Mapping[str, Mode]
+    reference: Reference | None = None
+    warm_start: WarmStart | None = None
+
+
+@dataclass
+class TraceHash:
+    """A hash of everything that a run did, in the exact bits; wall-clock times stay out."""
+
+    _digest: Any = field(default_factory=hashlib.sha256)
+
+    def add(self, moment: Moment) -> None:
+        """Take one instant in."""
+        for vehicle in (moment.scene.ego, *moment.scene.others):
+            self._digest.update(vehicle.id.encode())
+            numbers = (moment.scene.time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, vehicle.accel)
+            self._digest.update(struct.pack("<6d2q", *numbers, vehicle.lane, vehicle.mode))
+        if moment.decision is not None:
+            decision = moment.decision
+            self._digest.update(f"{decision.status}{decision.lateral}{decision.mode}".encode())
+            self._digest.update(struct.pack("<d", decision.command.accel))
+
+    def hexdigest(self) -> str:
+        """Return the hash so far."""
+        return str(self._digest.hexdigest())
+
+
+def run_episode(
+    settings: EpisodeSettings, world: LibsumoWorld, planner: Planner[Any], observe: Callable[[Moment], None]
+) -> None:
+    """Run one episode to its end or to the ego's first contact.
+
+    Args:
+        settings: the run.
+        world: an open world at time 0.
+        planner: decides every `planner.period`, a multiple of dt.
+        observe: called with every instant, in order; what it keeps is the record.
+    """
+    tracker = TrackingMpc(settings.bicycle, TrackingWeights(), TRACKING_STEPS, settings.dt)
+    carry = start(settings, planner)
+    sumo_contacts: tuple[tuple[str, str], ...] = ()
+    every = round(planner.period / settings.dt)
+    for step in range(settings.steps + 1):
+        scene = observe_scene(settings, world, carry, step)
+        touching = contacts(scene.ego, scene.others)
+        decision = None
+        if step == settings.steps or touching:
+            observe(Moment(step, scene, None, touching, sumo_contacts, None))
+            return
+        if step % every == 0:
+            decision, memory = planner.decide(scene, carry.planner_memory)
+            carry = take_command(settings, carry, decision, memory, scene)
+        scene = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
+        carry, speeds, tracking = drive(settings, tracker, carry, scene)
+        observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
+        world.advance(ego_state(settings, carry), speeds)
+        sumo_contacts = world.sumo_contacts()
+
+
+def start(settings: EpisodeSettings, planner: Planner[Any]) -> Carry:
+    """Return what the first step starts from."""
+    ego = settings.ego
+    return Carry(
+        ego=from_front_bumper(ego.x, ego.y, ego.heading, ego.speed, settings.bicycle),
+        command=Command(lane=ego.lane, accel=0.0),
+        mode=ego.mode,
+        planner_memory=planner.initial_memory(),
+        driver_memories={name: driver.initial_memory() for name, driver in settings.drivers.items()},
+        driver_modes=dict.fromkeys(settings.drivers, Mode.CRUISE),
+    )
+
+
+def ego_state(settings: EpisodeSettings, carry: Carry) -> VehicleState:
+    """Return the ego as others see it: its front bumper, and the lane and mode it intends."""
+    x, y = front_bumper(carry.ego, settings.bicycle)
+    return replace(
+        settings.ego,
+        x=x,
+        y=y,
+        speed=carry.ego.speed,
+        accel=carry.ego.accel,
+        heading=carry.ego.heading,
+        lane=carry.command.lane,
+        mode=carry.mode,
+    )
+
+
+def observe_scene(settings: EpisodeSettings, world: LibsumoWorld, carry: Carry, step: int) -> Scene:
+    """Read the world; a scripted vehicle's mode is the one it has been driving in up to now."""
+    others = tuple(replace(other, mode=carry.driver_modes.get(other.id, other.mode)) for other in world.observe())
+    return Scene(step * settings.dt, settings.road, ego_state(settings, carry), others)
+
+
+def take_command(
+    settings: EpisodeSettings,
+    carry: Carry,
+    decision: Decision,
+    memory: Any,  # noqa: ANN401 - each planner's own
+    scene: Scene,
+) -> Carry:
+    """Start what a decision orders, from the present state; a running lane change to the same lane goes on."""
+    reference = follow(
+        decision.command,
+        carry.ego,
+        settings.bicycle,
+        carry.reference,
+        road=settings.road,
+        time=scene.time,
+        lane_change_time=settings.lane_change_time,
+    )
+    return replace(carry, command=decision.command, mode=decision.mode, planner_memory=memory, reference=reference)
+
+
+def drive(
+    settings: EpisodeSettings, tracker: TrackingMpc, carry: Carry, scene: Scene
+) -> tuple[Carry, dict[str, float], TrackingInfo]:
+    """Return the carry with the ego one step on, the speeds that the scripted vehicles take, and the QP's report."""
+    assert carry.reference is not None  # noqa: S101 - a decision is due at step 0
+    controls, warm_start, tracking = tracker.control(carry.ego, carry.reference, scene.time, carry.warm_start)
+    ego = advance(carry.ego, controls, settings.bicycle, settings.dt)
+    memories, modes, speeds = dict(carry.driver_memories), dict(carry.driver_modes), {}
+    for vehicle in scene.others:
+        driver = settings.drivers.get(vehicle.id)
+        if driver is None:
+            continue
+        accel, modes[vehicle.id], memories[vehicle.id] = driver.accelerate(
+            scene, vehicle, memories[vehicle.id], settings.dt
+        )
+        speeds[vehicle.id] = max(0.0, vehicle.speed + accel * settings.dt)
+    return (
+        replace(carry, ego=ego, warm_start=warm_start, driver_memories=memories, driver_modes=modes),
+        speeds,
+        tracking,
+    )

@@ -1,0 +1,308 @@
+"""The traffic simulation, and the only file that talks to SUMO.
+
+Time 0 of a run is SUMO's first step, which only inserts. From there `advance` carries the world on:
+at the end of a step the ego stands exactly where it was told to, and SUMO has moved the rest.
+"""
+
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import NoReturn, Self
+
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import EGO_ID, VehicleState
+from sumo_hmdp.errors import InputError, Problem, SimulationError
+from sumo_hmdp.sim import world_checks as checks
+from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
+from sumo_hmdp.sim.sumo_input import read_network, sumo_command, type_id, vehicle_types
+from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
+
+# SUMO's Python package prints a notice about pyarrow to standard output without it.
+os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
+import libsumo
+
+_ROUTE = "along"
+_KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
+# Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
+# moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
+_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31}
+_SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
+
+
+class LibsumoWorld:
+    """One simulated road, as a context manager; a process can have one open at a time.
+
+    Attributes:
+        settings: as given.
+        step: steps taken since the start.
+    """
+
+    def __init__(self, settings: checks.WorldSettings, ego: VehicleState, others: tuple[Spawn, ...]) -> None:
+        """Read the network and check everything that can be checked without SUMO.
+
+        Args:
+            settings: network, road, step and seed.
+            ego: where the ego starts; its id is `ego`.
+            others: every surrounding vehicle of the run, also those that enter later.
+
+        Raises:
+            InputError: with every mistake in the arguments.
+        """
+        _refuse(checks.world_problems(settings, ego, others))
+        self._network = read_network(settings.net_file, settings.road)
+        _refuse(checks.start_problems(self._network, ego, others, settings.dt))
+        self.settings = settings
+        self.step = 0
+        self._start_ego = ego
+        self._spawns = {spawn.id: spawn for spawn in others}
+        self._waiting = sorted(others, key=lambda spawn: (checks.entry_step(spawn, settings.dt), spawn.id))
+        self._ghosts: dict[str, int] = {}
+        self._on_road: tuple[VehicleState, ...] = ()
+        self._colliding: frozenset[tuple[str, str]] = frozenset()
+        self._contacts: set[tuple[str, str]] = set()
+        self._resources: ExitStack | None = None
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self.step * self.settings.dt
+
+    def __enter__(self) -> Self:
+        """Start SUMO with everybody exactly where they start.
+
+        Raises:
+            SimulationError: SUMO does not start, or another world is open in this process.
+        """
+        if libsumo.isLoaded():
+            raise SimulationError("a process must have one world open at a time, got two. Close the first.")
+        with ExitStack() as stack:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sumo-hmdp-"))
+            types_file = Path(folder) / "types.add.xml"
+            types_file.write_text(vehicle_types(self._start_ego, self._spawns.values(), self.settings.dt))
+            stack.callback(_close)
+            self._start(types_file)
+            self._resources = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End SUMO, also after an error."""
+        if self._resources is not None:
+            self._resources.close()
+            self._resources = None
+
+    def observe(self) -> tuple[VehicleState, ...]:
+        """Return the surrounding vehicles that are on the road, ordered by id.
+
+        The lane is the one that SUMO has them in and the mode is left at cruise: intentions cannot be seen.
+        A vehicle that has reached the end of the road is no longer listed.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        return self._on_road
+
+    def advance(self, ego: VehicleState, speeds: Mapping[str, float], poses: Iterable[VehicleState] = ()) -> None:
+        """Carry the world on by one step, at whose end the ego and the posed vehicles are as commanded.
+
+        A scripted vehicle moves by its new speed, x+ = x + v+ dt. IDM vehicles react to the state before.
+
+        Args:
+            ego: pose and speed at the end of the step.
+            speeds: [m/s] of every scripted vehicle that `observe` lists.
+            poses: pose and speed at the end of the step of every posed vehicle that `observe` lists.
+
+        Raises:
+            InputError: a speed or pose is missing, unexpected or not finite.
+            SimulationError: the ego leaves the road or vanishes, or the world is not open.
+        """
+        self._require_open()
+        moved = (ego, *poses)
+        kinds = {vehicle.id: self._spawns[vehicle.id].driver for vehicle in self._on_road}
+        _refuse(checks.command_problems(moved, speeds, kinds))
+        for vehicle in moved:
+            if not self._network.holds(vehicle.x, vehicle.y):
+                if vehicle.id == EGO_ID:
+                    self._lose_ego(vehicle, "It was sent off the road.")
+                libsumo.vehicle.remove(vehicle.id)
+                self._drop_ghost(vehicle.id)
+            else:
+                self._place(vehicle)
+        for vehicle_id, speed in speeds.items():
+            libsumo.vehicle.setSpeed(vehicle_id, float(speed))
+        self.step += 1
+        self._insert_due(ego)
+        self._simulate()
+        for vehicle in moved:
+            if vehicle.id in self._ghosts and second_lane(vehicle, self.settings.road) is None:
+                self._drop_ghost(vehicle.id)
+        self._check_ego(ego)
+        self._note_contacts()
+        self._on_road = self._read()
+
+    def sumo_contacts(self) -> tuple[tuple[str, str], ...]:
+        """Return SUMO's own (collider, victim) pairs with the ego that are new since the last call, sorted.
+
+        SUMO looks along one lane only and sees the positions before the ego is moved: a cross-check only.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        pairs, self._contacts = tuple(sorted(self._contacts)), set()
+        return pairs
+
+    def _start(self, types_file: Path) -> None:
+        settings = self.settings
+        try:
+            libsumo.start(sumo_command(settings.net_file, types_file, settings.dt, settings.seed))
+        except _SUMO_ERRORS as error:
+            raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
+        libsumo.route.add(_ROUTE, [self._network.edge])
+        self._add(self._start_ego, EGO_ID, image_lane(self._start_ego.y, settings.road), DriverKind.POSED)
+        self._place(self._start_ego)
+        self._insert_due(self._start_ego)
+        self._simulate()
+        self._check_ego(self._start_ego)
+        self._on_road = self._read()
+        self._note_contacts()
+
+    def _insert_due(self, ego: VehicleState) -> None:
+        """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
+        road, dt = self.settings.road, self.settings.dt
+        present = [] if self.step == 0 else [ego, *self._on_road]
+        still_waiting = []
+        for spawn in self._waiting:
+            if checks.entry_step(spawn, dt) > self.step or any(
+                checks.blocks(other, spawn, road, dt) for other in present
+            ):
+                still_waiting.append(spawn)
+            else:
+                self._add(spawn, spawn.id, spawn.lane, spawn.driver)
+                if self.step:
+                    present.append(checks.spawn_state(spawn, road))
+        self._waiting = still_waiting
+
+    def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
+        """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
+        libsumo.vehicle.add(
+            name,
+            _ROUTE,
+            typeID=type_id(vehicle.id),
+            departLane=str(self.settings.road.sumo_index(lane)),
+            departPos=repr(float(vehicle.x - self._network.x_begin)),
+            departSpeed=repr(float(vehicle.speed)),
+        )
+        libsumo.vehicle.setLaneChangeMode(name, 0)
+        libsumo.vehicle.setSpeedMode(name, _SPEED_MODE[kind])
+
+    def _move(self, vehicle: VehicleState, name: str) -> None:
+        """Command pose and speed for the end of the coming step."""
+        degrees = (90.0 - math.degrees(vehicle.heading)) % 360.0
+        libsumo.vehicle.moveToXY(name, "", -1, float(vehicle.x), float(vehicle.y), degrees, _KEEP_POSITION)
+        libsumo.vehicle.setSpeed(name, float(vehicle.speed))
+
+    def _place(self, vehicle: VehicleState) -> None:
+        """Command the vehicle and, where its body reaches into a second lane, its ghost there.
+
+        When the front centre crosses the line, SUMO's image of it and the ghost swap lanes in one step.
+        """
+        self._move(vehicle, vehicle.id)
+        ghost = ghost_of(vehicle, self.settings.road, self._ghosts.get(vehicle.id))
+        if ghost is not None:
+            name = GHOST_PREFIX + vehicle.id
+            if vehicle.id not in self._ghosts:
+                self._add(ghost, name, ghost.lane, DriverKind.POSED)
+            self._move(ghost, name)
+            self._ghosts[vehicle.id] = ghost.lane
+
+    def _drop_ghost(self, vehicle_id: str) -> None:
+        if self._ghosts.pop(vehicle_id, None) is not None:
+            libsumo.vehicle.remove(GHOST_PREFIX + vehicle_id)
+
+    def _simulate(self) -> None:
+        try:
+            libsumo.simulationStep()
+        except _SUMO_ERRORS as error:
+            raise SimulationError(f"SUMO must complete a step, got: {error} (t = {self.time} s).") from error
+
+    def _read(self) -> tuple[VehicleState, ...]:
+        hidden = {EGO_ID, *(GHOST_PREFIX + vehicle_id for vehicle_id in self._ghosts)}
+        names = sorted(name for name in libsumo.vehicle.getIDList() if name not in hidden)
+        return tuple(_read_vehicle(self._spawns[name], self.settings.road) for name in names)
+
+    def _note_contacts(self) -> None:
+        # SUMO keeps listing a pair long after it has separated, so only new pairs count.
+        pairs = frozenset((c.collider, c.victim) for c in libsumo.simulation.getCollisions())
+        for pair in pairs - self._colliding:
+            if EGO_ID in pair and not any(name.startswith(GHOST_PREFIX) for name in pair):
+                self._contacts.add(pair)
+        self._colliding = pairs
+
+    def _check_ego(self, ego: VehicleState) -> None:
+        """Raise when SUMO does not have the ego where it was sent."""
+        if EGO_ID not in libsumo.vehicle.getIDList():
+            self._lose_ego(ego, "SUMO took it off the road.")
+        x, y = libsumo.vehicle.getPosition(EGO_ID)
+        if libsumo.vehicle.getLaneIndex(EGO_ID) < 0 or not math.hypot(x - ego.x, y - ego.y) < 1e-6:
+            self._lose_ego(ego, f"SUMO has it at x = {x} m, y = {y} m.")
+
+    def _lose_ego(self, ego: VehicleState, reason: str) -> NoReturn:
+        low, high = self._network.x_begin, self._network.x_end
+        raise SimulationError(
+            f"the ego must stay on the road, x from {low} to {high} m, got x = {ego.x} m, y = {ego.y} m "
+            f"(t = {self.time} s). {reason}"
+        )
+
+    def _require_open(self) -> None:
+        if self._resources is None:
+            raise SimulationError("the world must be open. Use it in a `with` statement.")
+
+
+def _refuse(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(problems)
+
+
+def _read_vehicle(spawn: Spawn, road: Road) -> VehicleState:
+    vehicle = libsumo.vehicle
+    x, y = vehicle.getPosition(spawn.id)
+    speed = vehicle.getSpeed(spawn.id)
+    accel = vehicle.getAcceleration(spawn.id)
+    heading = math.remainder(math.radians(90.0 - vehicle.getAngle(spawn.id)), math.tau)
+    if not math.isfinite(x + y + speed + accel + heading):
+        raise SimulationError(f"the state of {spawn.id} must be finite, got x = {x}, y = {y}, speed = {speed}.")
+    return VehicleState(
+        id=spawn.id,
+        x=x,
+        y=y,
+        speed=speed,
+        lane=road.lane_of_sumo_index(vehicle.getLaneIndex(spawn.id)),
+        accel=accel,
+        heading=heading,
+        length=spawn.length,
+        width=spawn.width,
+        # SUMO reports none for a vehicle that is moved by its pose.
+        lateral_speed=speed * math.sin(heading),
+    )
+
+
+def _close() -> None:
+    """End SUMO; a move that no step follows would corrupt the next run of the process, so step once more."""
+    if libsumo.isLoaded():
+        try:
+            with suppress(*_SUMO_ERRORS):
+                libsumo.simulationStep()
+        finally:
+            libsumo.close()
+
+
+def sumo_version() -> str:
+    """Return SUMO's version, such as `SUMO 1.28.0`."""
+    return str(libsumo.getVersion()[1])

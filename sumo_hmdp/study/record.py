@@ -1,0 +1,168 @@
+"""The record of one run: every instant as table rows, whatever becomes of the run."""
+
+import json
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import pandas as pd
+
+from sumo_hmdp.domain.maneuver import Mode
+from sumo_hmdp.domain.plan import Decision
+from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.sim.episode import Moment, TraceHash
+
+STEP_COLUMNS = {
+    "run_id": "str", "step": "int64", "time_s": "float64", "vehicle_id": "str", "x_m": "float64", "y_m": "float64",
+    "heading_rad": "float64", "speed_mps": "float64", "accel_mps2": "float64", "lane": "int64",
+    "intended_lane": "int64", "mode": "str", "length_m": "float64", "width_m": "float64",
+}  # fmt: skip
+DECISION_COLUMNS = {
+    "run_id": "str", "decision_index": "int64", "time_s": "float64", "status": "str", "reason": "str",
+    "lateral": "str", "mode": "str", "lane": "int64", "accel_mps2": "float64", "objective": "float64",
+    "violation_m": "float64", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
+    "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
+    "branches_json": "str", "forbidden_json": "str",
+}  # fmt: skip
+
+
+class Trace(StrEnum):
+    """Which vehicles the `steps` table keeps."""
+
+    NONE = "none"
+    EGO = "ego"
+    ALL = "all"
+
+
+class RunStatus(StrEnum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    CONTACT = "contact"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass
+class Recorder:
+    """Collects the instants of one run; a run that breaks off leaves what was collected.
+
+    Attributes:
+        run_id: the run's name.
+        steps: rows of all vehicles.
+        decisions: rows.
+        documents: each decision's problem in its file form, None where the planner has none.
+        contacts: descriptions of the ego's contacts.
+        sumo_contacts: how many instants SUMO's own list named the ego.
+        qp_failures: how many tracking QPs did not converge.
+        trace: the hash of all instants.
+    """
+
+    run_id: str
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    decisions: list[dict[str, Any]] = field(default_factory=list)
+    documents: list[str | None] = field(default_factory=list)
+    contacts: list[str] = field(default_factory=list)
+    contacts_at_fault: int = 0
+    sumo_contacts: int = 0
+    qp_failures: int = 0
+    trace: TraceHash = field(default_factory=TraceHash)
+
+    def observe(self, moment: Moment) -> None:
+        """Take one instant in."""
+        self.trace.add(moment)
+        scene = moment.scene
+        for vehicle in (scene.ego, *scene.others):
+            self.steps.append(self._step_row(moment.step, scene.time, vehicle, scene.road.lane_at(vehicle.y)))
+        if moment.decision is not None:
+            self.decisions.append(self._decision_row(moment.decision, scene.ego))
+            self.documents.append(moment.decision.problem_json)
+        for contact in moment.contacts:
+            fault = "the ego's fault" if contact.at_fault else "not the ego's fault"
+            self.contacts.append(f"contact with {contact.other_id} at {scene.time:.2f} s, {fault}")
+            self.contacts_at_fault += contact.at_fault
+        self.sumo_contacts += bool(moment.sumo_contacts)
+        if moment.tracking is not None:
+            self.qp_failures += not moment.tracking.solved
+
+    def step_table(self) -> pd.DataFrame:
+        """Return the `steps` table with all vehicles."""
+        return pd.DataFrame(self.steps, columns=list(STEP_COLUMNS)).astype(STEP_COLUMNS)
+
+    def decision_table(self) -> pd.DataFrame:
+        """Return the `decisions` table."""
+        return pd.DataFrame(self.decisions, columns=list(DECISION_COLUMNS)).astype(DECISION_COLUMNS)
+
+    def _step_row(self, step: int, time: float, vehicle: VehicleState, lane: int) -> dict[str, Any]:
+        return {
+            "run_id": self.run_id,
+            "step": step,
+            "time_s": time,
+            "vehicle_id": vehicle.id,
+            "x_m": vehicle.x,
+            "y_m": vehicle.y,
+            "heading_rad": vehicle.heading,
+            "speed_mps": vehicle.speed,
+            "accel_mps2": vehicle.accel,
+            "lane": lane,
+            "intended_lane": vehicle.lane,
+            "mode": vehicle.mode.label,
+            "length_m": vehicle.length,
+            "width_m": vehicle.width,
+        }
+
+    def _decision_row(self, decision: Decision, ego: VehicleState) -> dict[str, Any]:
+        return {
+            "run_id": self.run_id,
+            "decision_index": len(self.decisions),
+            "time_s": decision.time,
+            "status": str(decision.status),
+            "reason": decision.reason,
+            "lateral": decision.lateral.label,
+            "mode": decision.mode.label,
+            "lane": decision.command.lane,
+            "accel_mps2": decision.command.accel,
+            "objective": decision.objective,
+            "violation_m": decision.violation,
+            "solver": decision.solver,
+            "solve_time_ms": 1000 * decision.solve_time,
+            "pruned_prob": decision.pruned_prob,
+            "branch_count": decision.branch_count,
+            "ego_x_m": ego.x,
+            "ego_y_m": ego.y,
+            "ego_speed_mps": ego.speed,
+            "plan_json": json.dumps(
+                [
+                    {
+                        "step": step.step,
+                        "lateral": step.lateral.label,
+                        "mode": step.mode.label,
+                        "lane": step.lane,
+                        "x_m": step.x,
+                        "speed_mps": step.speed,
+                    }
+                    for step in decision.plan
+                ]
+            ),
+            "branches_json": json.dumps(
+                [
+                    {
+                        "vehicle_id": branch.vehicle_id,
+                        "probability": branch.probability,
+                        "lanes": branch.lanes,
+                        "modes": [Mode(mode).label for mode in branch.modes],
+                        "x_m": branch.x,
+                        "y_m": branch.y,
+                        "x_std_m": branch.x_std,
+                        "y_std_m": branch.y_std,
+                    }
+                    for branch in decision.branches
+                ]
+            ),
+            "forbidden_json": json.dumps(
+                [
+                    {"step": block.step, "lane": block.lane, "x_from_m": block.x_from, "x_to_m": block.x_to}
+                    for block in decision.forbidden
+                ]
+            ),
+        }

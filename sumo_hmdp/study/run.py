@@ -1,0 +1,177 @@
+"""One run to one record: simulate, whatever happens, and write down what happened."""
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.summary import run_metrics
+from sumo_hmdp.planning.highs import solver_version
+from sumo_hmdp.scenario.load import ReadyRun
+from sumo_hmdp.sim.episode import Moment, run_episode
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld, sumo_version
+from sumo_hmdp.study.record import Recorder, RunStatus, Trace
+from sumo_hmdp.study.store import SCHEMA_VERSION, write_manifest, write_table, write_text
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What a run left.
+
+    Attributes:
+        run_id: its name.
+        status: how it ended.
+        reason: why it did not complete, empty when it did.
+        row: its row of the `runs` table.
+        steps: all vehicles at all instants.
+        decisions: all decisions.
+        documents: their problems in the file form.
+        manifest: configuration, versions and trace hash.
+        traceback: of a failed run, empty otherwise.
+    """
+
+    run_id: str
+    status: RunStatus
+    reason: str
+    row: dict[str, Any]
+    steps: pd.DataFrame
+    decisions: pd.DataFrame
+    documents: tuple[str | None, ...]
+    manifest: dict[str, Any]
+    traceback: str = ""
+
+
+def run_id_of(run: ReadyRun) -> str:
+    """Return the name of a run: scenario, planner, solver, risk level where there is one, and seed."""
+    parts = [run.scenario, run.planner_name]
+    if run.solver != "milp":
+        parts.append(run.solver)
+    risk_level = run.parameters.get("risk_level")
+    if risk_level is not None:
+        parts.append(f"eps{risk_level:g}")
+    return "-".join([*parts, f"seed{run.seed}"])
+
+
+def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) -> RunRecord:
+    """Simulate a run; a failure or an interruption ends it early but never loses its record.
+
+    Args:
+        run: the run.
+        on_moment: called with every instant, for progress.
+
+    Raises:
+        InputError: if the run cannot even start for a mistake in its input.
+    """
+    recorder = Recorder(run_id_of(run))
+    started = datetime.now(tz=UTC)
+    status, reason, trace = RunStatus.COMPLETED, "", ""
+
+    def observe(moment: Moment) -> None:
+        recorder.observe(moment)
+        if on_moment is not None:
+            on_moment(moment)
+
+    try:
+        with LibsumoWorld(run.world, run.episode.ego, run.spawns) as world:
+            run_episode(run.episode, world, run.planner, observe)
+    except InputError:
+        raise
+    except KeyboardInterrupt:
+        status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
+    except Exception as error:  # noqa: BLE001 - whatever breaks a run must leave a record of it
+        status, reason, trace = RunStatus.FAILED, f"{type(error).__name__}: {error}", traceback.format_exc()
+    if recorder.contacts:
+        status, reason = RunStatus.CONTACT, "; ".join(recorder.contacts)
+    return _record(run, recorder, status, reason, trace, started)
+
+
+def _record(
+    run: ReadyRun, recorder: Recorder, status: RunStatus, reason: str, trace: str, started: datetime
+) -> RunRecord:
+    steps, decisions = recorder.step_table(), recorder.decision_table()
+    finished = datetime.now(tz=UTC)
+    row = {
+        "run_id": recorder.run_id,
+        "scenario": run.scenario,
+        "planner": run.planner_name,
+        "solver": run.solver,
+        "seed": run.seed,
+        "risk_level": run.parameters.get("risk_level"),
+        "status": str(status),
+        "reason": reason,
+        **run_metrics(steps, decisions),
+        "contact_count": len(recorder.contacts),
+        "contact_at_fault_count": recorder.contacts_at_fault,
+        "sumo_contact_count": recorder.sumo_contacts,
+        "tracking_failure_count": recorder.qp_failures,
+        "wall_time_s": (finished - started).total_seconds(),
+        "trace_hash": recorder.trace.hexdigest(),
+    }
+    manifest = {
+        "schema_version": SCHEMA_VERSION,
+        "run_id": recorder.run_id,
+        "scenario": run.scenario,
+        "planner": run.planner_name,
+        "solver": run.solver,
+        "seed": run.seed,
+        "status": str(status),
+        "reason": reason,
+        "dt_s": run.episode.dt,
+        "period_s": run.planner.period,
+        "duration_s": run.episode.duration,
+        "horizon_steps": run.parameters.get("horizon_steps"),
+        "risk_level": run.parameters.get("risk_level"),
+        "safe_distance_m": run.parameters.get("safe_distance_m"),
+        "lanes": {"count": run.episode.road.lane_count, "width_m": run.episode.road.lane_width},
+        "trace_hash": row["trace_hash"],
+        "started_at": started.isoformat(timespec="seconds"),
+        "versions": versions(),
+        "parameters": dict(run.parameters),
+        "configuration": dict(run.configuration),
+    }
+    return RunRecord(
+        recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
+    )  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of everything that can change a result."""
+    packages = ("pyomo", "numpy", "scipy", "osqp")
+    return {
+        "sumo_hmdp": version("sumo-hmdp"),
+        "sumo": sumo_version(),
+        "highs": solver_version(),
+        **{package: version(package) for package in packages},
+    }
+
+
+def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool) -> None:
+    """Write the tables and the manifest of a run; the row in `runs` comes last, so that it vouches for the rest.
+
+    Args:
+        record: the run.
+        folder: a writable results directory.
+        trace: which vehicles the `steps` table keeps.
+        dump_decisions: whether to write each decision's problem as a file of its own.
+    """
+    steps = record.steps
+    if trace is Trace.NONE:
+        steps = steps.iloc[:0]
+    elif trace is Trace.EGO:
+        steps = steps[steps["vehicle_id"] == "ego"]
+    write_table(folder, "steps", record.run_id, steps)
+    write_table(folder, "decisions", record.run_id, record.decisions)
+    write_manifest(folder, record.run_id, record.manifest)
+    if record.traceback:
+        write_text(folder / "failures" / f"{record.run_id}.txt", record.traceback)
+    if dump_decisions:
+        for index, document in enumerate(record.documents):
+            if document is not None:
+                write_text(folder / "decision_files" / record.run_id / f"{index:04d}.json", document + "\n")
+    write_table(folder, "runs", record.run_id, pd.DataFrame([record.row]))

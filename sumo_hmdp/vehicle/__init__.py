@@ -1,0 +1,1 @@
+"""Commands, controls and motion of the ego."""

@@ -1,0 +1,230 @@
+"""The replay page in a real browser, opened from a file; `open_page` demands an empty console."""
+
+import time
+
+import pandas as pd
+import pytest
+
+from sumo_hmdp.report.replay import write_replay
+
+STATE = "window.replay.state()"
+
+
+@pytest.fixture(scope="module")
+def page_path(tmp_path_factory, manifest, steps, decisions):
+    return write_replay(tmp_path_factory.mktemp("replay") / "run.html", manifest, steps, decisions)
+
+
+@pytest.fixture
+def page(open_page, page_path):
+    return open_page(page_path)
+
+
+def seek(page, seconds):
+    page.evaluate("seconds => window.replay.seek(seconds)", seconds)
+    return page.evaluate(STATE)
+
+
+def until(page, predicate, arg=None, timeout_s=10.0):
+    """Wait until a JavaScript function says true; the page's policy forbids Playwright's own waiting."""
+    deadline = time.monotonic() + timeout_s
+    while not page.evaluate(predicate, arg):
+        assert time.monotonic() < deadline, f"never true: {predicate}"
+        page.wait_for_timeout(20)
+
+
+def has_pixels(page, selector):
+    """Tell whether a canvas holds more than one colour."""
+    return page.evaluate(
+        """selector => {
+            const canvas = document.querySelector(selector);
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            return new Set(new Uint32Array(data.buffer)).size > 1;
+        }""",
+        selector,
+    )
+
+
+@pytest.mark.parametrize("step", [0, 1, 83, 150, 254, 299, 300])
+def test_recorded_instants_show_the_recorded_positions(page, steps, step):
+    rows = steps[steps["step"] == step]
+
+    state = seek(page, float(rows["time_s"].iloc[0]))
+
+    assert set(state["vehicles"]) == set(rows["vehicle_id"])
+    for row in rows.itertuples():
+        shown = state["vehicles"][row.vehicle_id]
+        # Equal to the recorded number rounded to mm, not merely close to it.
+        assert (shown["x_m"], shown["y_m"]) == (round(row.x_m, 3), round(row.y_m, 3) + 0.0)
+
+
+def test_between_two_instants_positions_are_interpolated(page, steps):
+    rows = steps[steps["vehicle_id"] == "ego"].set_index("step")
+    before, after = rows.loc[60], rows.loc[61]
+
+    state = seek(page, before["time_s"] + 0.25 * (after["time_s"] - before["time_s"]))
+
+    expected = 0.75 * before["x_m"] + 0.25 * after["x_m"]
+    assert state["vehicles"]["ego"]["x_m"] == pytest.approx(expected, abs=0.001)
+
+
+def test_decision_is_the_last_one_taken(page, decisions):
+    for index in (0, 1, 40, 74):
+        taken = float(decisions["time_s"].iloc[index])
+        assert seek(page, taken)["decision_index"] == index
+        assert seek(page, taken + 0.45)["decision_index"] == index
+    until(page, "() => document.getElementById('decision-title').textContent === 'Decision 74 at 44.40 s'")
+
+
+def test_it_waits_for_play_and_then_time_advances(page):
+    page.wait_for_timeout(150)
+    assert page.evaluate(STATE)["time"] == 0
+    page.click("#play")
+
+    until(page, "() => window.replay.state().time > 0.2")
+    assert page.evaluate(STATE)["playing"] is True
+    page.click("#play")
+    stopped = page.evaluate(STATE)
+    page.wait_for_timeout(150)
+
+    assert stopped["playing"] is False
+    assert page.evaluate(STATE)["time"] == stopped["time"]
+
+
+def test_playback_stops_at_the_end_and_restarts_from_there(page):
+    seek(page, 44.0)
+    page.select_option("#rate", "8")
+    page.keyboard.press("Escape")
+    page.click("#play")
+
+    until(page, "() => !window.replay.state().playing")
+    assert page.evaluate(STATE)["time"] == 45
+    page.click("#play")
+    until(page, "() => window.replay.state().time < 40")
+
+
+def test_keyboard(page):
+    keys = page.keyboard
+
+    def time_after(key):
+        keys.press(key)
+        return page.evaluate(STATE)["time"]
+
+    assert time_after("ArrowRight") == 0.15
+    assert time_after("ArrowRight") == 0.3
+    assert time_after("ArrowLeft") == 0.15
+    assert time_after("Shift+ArrowRight") == 0.6
+    assert time_after("End") == 45
+    assert time_after("ArrowRight") == 45
+    assert time_after("Home") == 0
+    keys.press("Space")
+    until(page, "() => window.replay.state().time > 0.1")
+    keys.press("Space")
+    assert page.evaluate(STATE)["playing"] is False
+
+
+def test_arrows_step_also_when_the_slider_has_the_focus(page):
+    page.focus("#time")
+    page.keyboard.press("ArrowRight")
+
+    assert page.evaluate(STATE)["time"] == 0.15
+    until(page, "() => document.getElementById('time').getAttribute('aria-valuetext').startsWith('0.15 s')")
+
+
+def test_clicks_seek(page):
+    box = page.locator("#speed-plot").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 60)
+    assert page.evaluate(STATE)["time"] == pytest.approx(22.5, abs=1.0)
+
+    page.click("#events summary")
+    page.locator("#event-list button").first.click()
+    assert page.evaluate(STATE)["time"] == 5.4
+
+    page.click("[data-seek]")
+    assert page.evaluate(STATE)["time"] == pytest.approx(
+        float(page.get_attribute("[data-seek]", "data-seek"))
+    )
+
+
+def test_fragment_opens_at_a_time(open_page, page_path):
+    assert open_page(page_path, "#t=12.6").evaluate(STATE)["time"] == 12.6
+
+
+def test_horizon_step_and_zoom(page):
+    page.click("#horizon-more")
+    page.keyboard.press("]")
+    assert page.inner_text("#horizon").startswith("3 of 8")
+    assert page.get_attribute(".plan-table tbody tr:nth-child(3)", "aria-selected") == "true"
+
+    before = page.inner_text("#scale")
+    page.click("#zoom-in")
+    page.hover("#road")
+    page.mouse.wheel(0, -200)
+    until(page, "text => document.getElementById('scale').textContent !== text", arg=before)
+    page.keyboard.press("0")
+    assert page.inner_text("#scale") == before
+
+
+@pytest.mark.parametrize("width", [390, 768, 1280])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_width_and_scheme_draws_and_fits(open_page, page_path, width, scheme):
+    page = open_page(page_path, "#t=9", viewport={"width": width, "height": 844}, color_scheme=scheme)
+    page.wait_for_timeout(100)
+
+    assert page.evaluate("document.documentElement.dataset.theme") == scheme
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert all(has_pixels(page, selector) for selector in ("#road", "#marks", "#speed-plot", "#lane-plot"))
+    page.click("#theme")
+    assert page.evaluate("document.documentElement.dataset.theme") != scheme
+
+
+def test_reduced_motion_shows_recorded_instants_only(open_page, page_path, steps):
+    page = open_page(page_path, reduced_motion="reduce")
+    page.click("#play")
+    until(page, "() => window.replay.state().time > 0.4")
+
+    seen = page.evaluate(STATE)["time"]
+
+    assert any(abs(seen - recorded) < 1e-6 for recorded in steps["time_s"].unique())
+
+
+def test_controls_have_names(page):
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, canvas")].filter((control) =>
+            !(control.getAttribute("aria-label") || control.closest("label") || control.textContent.trim()
+              || control.closest("[aria-hidden=true]"))).map((control) => control.outerHTML)"""
+    )
+    assert nameless == []
+
+
+@pytest.mark.parametrize("kind", ["no decisions", "no branches", "no ego", "one instant", "no steps"])
+def test_sparse_runs_render(open_page, tmp_path, manifest, steps, decisions, kind):
+    bare = decisions.head(3).assign(objective=None, plan_json="[]", branches_json="", forbidden_json=None)
+    tables = {
+        "no decisions": (steps, decisions.iloc[:0]),
+        "no branches": (steps, bare),
+        "no ego": (steps[steps["vehicle_id"] != "ego"], pd.DataFrame()),
+        "one instant": (steps[steps["step"] == 0], decisions.head(1)),
+        "no steps": (pd.DataFrame(), pd.DataFrame()),
+    }
+    page = open_page(write_replay(tmp_path / "sparse.html", manifest, *tables[kind]))
+
+    if kind != "no steps":
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("]")
+        page.keyboard.press("Shift+ArrowRight")
+        assert has_pixels(page, "#road")
+        page.click("#play")
+    assert page.locator("h1").is_visible()
+
+
+def test_hostile_vehicle_id_is_only_text(open_page, tmp_path, manifest, steps, decisions):
+    hostile = "</script><script>document.title='owned'</script><img src=x onerror=document.title='owned'>"
+    renamed = steps.replace({"vehicle_id": {"car_01": hostile}})
+    page = open_page(write_replay(tmp_path / "hostile.html", manifest, renamed, decisions), "#t=3")
+    page.click("#scene summary")
+
+    until(page, "id => document.getElementById('scene-table').textContent.includes(id)", arg=hostile)
+
+    assert hostile in page.evaluate(STATE)["vehicles"]
+    assert page.title() == "overtaking · hmdp · seed 7"

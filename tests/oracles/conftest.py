@@ -1,0 +1,28 @@
+"""The oracle and its problems as fixtures: the tests are no package, so they cannot import one another."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def _load(name):
+    path = Path(__file__).parent / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"oracle_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def brute_force():
+    """The module brute_force: solve(problem), evaluate(problem, lateral, longitudinal)."""
+    return _load("brute_force")
+
+
+@pytest.fixture(scope="session")
+def problems():
+    """The module problems: random_problem(rng)."""
+    return _load("problems")
