@@ -33,9 +33,10 @@ class InputError(SumoHmdpError):
         super().__init__("\n".join(self.lines()))
 
     def lines(self) -> list[str]:
-        """Return one line per mistake, each with the file it stands in when that is known."""
+        """Return one line per mistake, each with the file it stands in; an option of the command line is in none."""
         prefix = f"{self.source}: " if self.source else ""
-        return [f"{prefix}{problem}" for problem in self.problems]
+        lines = [f"{'' if problem.path.startswith('--') else prefix}{problem}" for problem in self.problems]
+        return [" ".join(line.splitlines()) for line in lines]
 
 
 class SimulationError(SumoHmdpError):

@@ -1,15 +1,17 @@
-"""Turning what a user wrote into validated data, with every mistake named by its path."""
+"""Turning what a user wrote into validated data, with every mistake named once by its path."""
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Iterable, Iterator, Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from sumo_hmdp.errors import InputError, Problem
 
 Model = TypeVar("Model", bound=BaseModel)
+Location = tuple[str | int, ...]
 
 
 class FileModel(BaseModel):
@@ -32,24 +34,48 @@ def parse(model: type[Model], content: Any, source: str = "") -> Model:  # noqa:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        raise InputError(_problems(error, model), source) from None
+        raise InputError(_problems(error, model, content), source) from None
 
 
-def _problems(error: ValidationError, model: type[BaseModel]) -> Iterable[Problem]:
-    for mistake in error.errors():
-        path = path_text(mistake["loc"])
-        kind, given = mistake["type"], mistake["input"]
+def _problems(error: ValidationError, model: type[BaseModel], content: object) -> Iterator[Problem]:
+    mistakes = error.errors()
+    missing = {mistake["loc"] for mistake in mistakes if mistake["type"] == "missing"}
+    hints: dict[Location, str] = {}
+    for mistake in mistakes:
+        if mistake["type"] == "extra_forbidden":
+            *parent, name = mistake["loc"]
+            known = _known_keys(model, tuple(parent))
+            near = difflib.get_close_matches(str(name), known, n=1)
+            if near:
+                hints[mistake["loc"]] = near[0]
+                # A misspelt key is one mistake, not an unknown key and a missing one.
+                missing.discard((*parent, near[0]))
+    for mistake in mistakes:
+        location, kind = mistake["loc"], mistake["type"]
+        path = path_text(_in_file(location, content, missing=kind == "missing"))
         if kind == "extra_forbidden":
-            name = str(mistake["loc"][-1])
-            near = difflib.get_close_matches(name, _known_keys(model, mistake["loc"][:-1]), n=1)
-            hint = f"; did you mean `{near[0]}`?" if near else "; remove it"
-            yield Problem(path, f"unknown key{hint}")
+            hint = f"did you mean `{hints[location]}`?" if location in hints else "remove it"
+            yield Problem(path, f"unknown key; {hint}")
         elif kind == "missing":
-            yield Problem(path, "is missing; add it")
-        elif kind == "value_error":
-            yield Problem(path, str(mistake["ctx"]["error"]))
+            if location in missing:
+                yield Problem(path, "is missing; add it")
+        elif kind == "union_tag_not_found":
+            yield Problem(f"{path}.{_tag_key(mistake)}", "is missing; add it")
+        elif kind == "union_tag_invalid":
+            yield Problem(f"{path}.{_tag_key(mistake)}", _tag_message(mistake))
         else:
-            yield Problem(path, f"{_sentence(mistake['msg'])}, got {shown(given)}")
+            yield Problem(path, f"{_requirement(mistake)}, got {shown(mistake['input'])}")
+
+
+def _in_file(location: Location, content: Any, *, missing: bool) -> Location:  # noqa: ANN401 - anything
+    """Drop what pydantic adds to a location besides the file's keys: the tags of unions, and `[key]`."""
+    kept: list[str | int] = []
+    for part in location[:-1] if missing else location:
+        found = part in content if isinstance(content, Mapping) else isinstance(content, list) and isinstance(part, int)
+        if found:
+            content = content[part]
+            kept.append(part)
+    return (*kept, location[-1]) if missing else tuple(kept)
 
 
 def path_text(location: Iterable[str | int]) -> str:
@@ -62,45 +88,81 @@ def path_text(location: Iterable[str | int]) -> str:
 
 def shown(value: object) -> str:
     """Return a value as it would stand in a file, shortened."""
-    if isinstance(value, float) and math.isnan(value):
-        return "NaN"
-    text = repr(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
+    if value is None or isinstance(value, bool):
+        return "nothing" if value is None else str(value).lower()
+    text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _sentence(message: str) -> str:
-    message = message.removeprefix("Value error, ").removeprefix("Input should be ")
+_WHOLE, _NUMBER, _MAPPING, _LIST = "a whole number", "a number", "a mapping of keys to values", "a list"
+_REQUIREMENTS = {
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dict_type": _MAPPING,
+    "list_type": _LIST,
+    "string_type": "text",
+    "float_type": _NUMBER,
+    "int_type": _WHOLE,
+    "int_from_float": _WHOLE,
+    "int_parsing_size": _WHOLE,
+    "string_too_short": "at least {min_length} character long",
+    "string_pattern_mismatch": "text of the pattern {pattern}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
+    "greater_than": "above {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "below {lt:g}",
+    "less_than_equal": "at most {le:g}",
+}
+
+
+def _requirement(mistake: Any) -> str:  # noqa: ANN401 - pydantic's ErrorDetails
+    """Say what must hold where one mistake was found."""
+    template = _REQUIREMENTS.get(mistake["type"])
+    if template is not None:
+        return f"must be {template.format(**mistake.get('ctx', {}))}"
+    message = str(mistake["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     return message if message.startswith(("must", "is ")) else f"must be {message[0].lower()}{message[1:]}"
 
 
-def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
+def _tag_key(mistake: Any) -> str:  # noqa: ANN401 - pydantic's ErrorDetails
+    return str(mistake["ctx"]["discriminator"]).strip("'")
+
+
+def _tag_message(mistake: Any) -> str:  # noqa: ANN401 - pydantic's ErrorDetails
+    tag = str(mistake["ctx"]["tag"])
+    known = [name.strip(" '") for name in str(mistake["ctx"]["expected_tags"]).split(",")]
+    return f"must be one of {', '.join(known)}, got {shown(tag)}"
+
+
+def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
     """List the keys that are known at a place, as far as the types tell."""
-    current: Any = model
+    current = [model]
     for part in location:
-        if not (isinstance(current, type) and issubclass(current, BaseModel)):
-            return []
-        field = current.model_fields.get(str(part)) if isinstance(part, str) else None
-        if field is not None:
-            current = _model_inside(field.annotation)
-    if isinstance(current, type) and issubclass(current, BaseModel):
-        return [field.alias or name for name, field in current.model_fields.items()]
-    return []
+        if isinstance(part, int):
+            continue
+        inside = [found for m in current if part in m.model_fields for found in _models_in(m.model_fields[part])]
+        # What is no key of a model is the tag of one of several models, or the key of a mapping of them.
+        tagged = [m for m in current if any(get_args(f.annotation) == (part,) for f in m.model_fields.values())]
+        current = inside or tagged or current
+    return [name for m in current for name in m.model_fields]
 
 
-def _model_inside(annotation: Any) -> Any:  # noqa: ANN401 - annotations have no common type
-    """Return the first model class inside an annotation such as tuple[Model, ...] or Model | None."""
+def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - annotations have no common type
+    """Return the model classes inside a field or an annotation such as list[Model] or Model | None."""
+    annotation = getattr(annotation, "annotation", annotation)
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _model_inside(argument)
-        if found is not None:
-            return found
-    return None
-
-
-def problem_if(*, wrong: bool, path: str, message: str) -> list[Problem]:
-    """Return a list with one problem, or none; for checks that need more than one field."""
-    return [Problem(path, message)] if wrong else []
+        return [annotation]
+    if get_origin(annotation) in {Literal, None}:
+        return []
+    arguments = get_args(annotation)
+    if get_origin(annotation) is Annotated:
+        arguments = arguments[:1]
+    elif get_origin(annotation) not in {Union, UnionType, list, tuple, dict}:
+        return []
+    return [found for argument in arguments for found in _models_in(argument)]
 
 
 def nearest(name: str, known: Iterable[str] | Mapping[str, object]) -> str:

@@ -1,36 +1,33 @@
 """The driving corridor graph: where the ego may be, lane by lane and step by step, and how it may get there.
 
-Per lane and step the stretches that the branches forbid are merged into blocks; what is left between two blocks
-is a free window. Nodes are (lane, step, window). The ego cannot pass through a vehicle, so a move between two
-windows is allowed only where every branch that shares the ego's lane before and after it stays on its side.
-The graph grows with the number of windows, not with the number of vehicles.
+Per lane state and step the stretches that the branches forbid are merged into blocks; what is left between two
+blocks is a free window. Nodes are (lane state, step, window). The ego cannot pass through a vehicle, so a move
+between two windows is allowed only where every branch that shares a lane with the ego before and after it stays on
+its side. The graph grows with the number of windows, not with the number of vehicles.
+
+Under a distance that depends on the ego's speed, each speed level has windows of its own.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.plan import ForbiddenInterval
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
+from sumo_hmdp.planning.occupancy import LaneState, lane_states, occupied_lanes, present_lanes, sweep_steps
+from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, DistanceRule
 
 BoolArray = NDArray[np.bool_]
+Level = tuple[int, int]
 
-
-@dataclass(frozen=True)
-class Clearance:
-    """How far the ego's front bumper must be from each vehicle's, as a leader and as a follower.
-
-    Attributes:
-        ahead: (V, H) least distance while the ego is ahead [m].
-        behind: (V, H) least distance while the ego is behind [m].
-    """
-
-    ahead: FloatArray
-    behind: FloatArray
+# A bound in lattice units that a position meets up to rounding is met.
+UNIT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -38,8 +35,11 @@ class Stage:
     """The N free windows of one step; bounds in units of the ego lattice, clipped to what it can reach.
 
     Attributes:
-        lane: (N,) lane of each window.
-        order: (N,) number of the window in its lane, counted from behind; it lies ahead of blocks 0..order - 1.
+        lane: (N,) lane that the ego intends there.
+        state: (N,) index of the lane state.
+        order: (N,) number of the window in its lane state, counted from behind; it lies ahead of blocks 0..order - 1.
+        level: (N,) speed level that it holds for; all zero where `levelled` is false.
+        phase: (N,) phase of that speed level.
         low: (N,) lower end.
         high: (N,) upper end; low <= high.
         soft_low: (N,) lower end that keeps every safe distance; equals `low` unless distances are relaxed.
@@ -48,7 +48,10 @@ class Stage:
     """
 
     lane: IntArray
+    state: IntArray
     order: IntArray
+    level: IntArray
+    phase: IntArray
     low: FloatArray
     high: FloatArray
     soft_low: FloatArray
@@ -62,10 +65,14 @@ class Corridors:
 
     Attributes:
         stages: one per step 1..H.
-        forbidden: the merged blocks, for display.
+        states: the ego's lane states at the end of each step 0..H.
+        levelled: whether windows hold for one speed level only.
+        forbidden: the merged blocks of each lane taken alone, for display; at the present speed where levelled.
     """
 
     stages: tuple[Stage, ...]
+    states: tuple[tuple[LaneState, ...], ...]
+    levelled: bool
     forbidden: tuple[ForbiddenInterval, ...]
 
     @property
@@ -74,171 +81,233 @@ class Corridors:
         return all(len(stage.lane) for stage in self.stages)
 
 
-def contact_clearance(problem: DecisionProblem, safe: Clearance) -> Clearance:
-    """Return the distances below which bumpers touch, never more than the safe ones (docs/formulation.md, eq. 14)."""
-    lengths = np.array([v.state.length for v in problem.vehicles]).reshape(-1, 1)
-    return Clearance(
-        ahead=np.minimum(safe.ahead, problem.ego.length),
-        behind=np.minimum(safe.behind, lengths),
-    )
+@dataclass(frozen=True)
+class Clearances:
+    """The distances that make windows, by the ego's speed.
+
+    Attributes:
+        safe: distances to keep at a speed of the ego [m/s].
+        hard: distances that make the windows; the safe ones, or those of contact where a plan may be relaxed.
+    """
+
+    safe: Callable[[float], Clearance]
+    hard: Callable[[float], Clearance]
 
 
-def carve(
-    problem: DecisionProblem,
-    lattice: EgoLattice,
-    branches: Branches,
-    hard: Clearance,
-    soft: Clearance | None = None,
-) -> Corridors:
-    """Build the corridor graph (docs/formulation.md, eq. 10).
+def clearances(problem: DecisionProblem, branches: Branches, margin: FloatArray, *, relaxed: bool) -> Clearances:
+    """Return the distances of a decision.
 
     Args:
         problem: the decision problem.
-        lattice: of its ego.
         branches: of its vehicles.
-        hard: distances that make the windows.
-        soft: distances that the soft ends are measured with; None where they are the hard ones.
+        margin: of the chance constraint, (B, H) [m].
+        relaxed: whether only contact makes the windows.
+    """
+
+    def safe(speed: float) -> Clearance:
+        return safe_clearance(problem, branches, margin, speed)
+
+    def contact(speed: float) -> Clearance:
+        return contact_clearance(problem, branches, safe(speed))
+
+    return Clearances(safe, contact if relaxed else safe)
+
+
+def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, distances: Clearances) -> Corridors:
+    """Build the corridor graph (docs/formulation.md, eq. 10).
 
     Returns:
-        The graph; a step whose lanes are all taken has a stage without windows.
+        The graph; a step at which everything is taken has a stage without windows.
     """
-    lanes = [lane for lane in range(1, problem.road.lane_count + 1) if lane not in problem.settings.forbidden_lanes]
+    levelled = problem.settings.distance_rule is not DistanceRule.FIXED
+    states = lane_states(problem)
+    occupied = occupied_lanes(problem, branches)
+    before = _start(problem, branches, states[0][0])
     stages: list[Stage] = []
-    forbidden: list[ForbiddenInterval] = []
-    previous_lane, previous_order, branch_lane, branch_block = _start(problem, branches)
+    by_speed: dict[float, tuple[Clearance, Clearance]] = {}
     for k in range(problem.settings.horizon_steps):
-        carved = [_carve_lane(lattice, branches, hard, soft or hard, k, lane) for lane in lanes]
-        block = np.full(len(branches.vehicle), -1, dtype=np.int64)
-        for piece in carved:
-            block[piece.rows] = piece.block
-        for lane, piece in zip(lanes, carved, strict=True):
-            forbidden.extend(
-                ForbiddenInterval(k + 1, lane, float(a), float(b))
-                for a, b in zip(piece.block_low, piece.block_high, strict=True)
-            )
-        lane_of = np.concatenate([np.full(len(p.order), lane) for lane, p in zip(lanes, carved, strict=True)])
-        order = np.concatenate([piece.order for piece in carved])
-        moves = _moves(
-            (previous_lane, previous_order),
-            (lane_of, order),
-            (branch_lane, branch_block),
-            (branches.lanes[:, k], block),
-        )
-        stages.append(
-            Stage(
-                lane=lane_of,
-                order=order,
-                low=np.concatenate([piece.low for piece in carved]),
-                high=np.concatenate([piece.high for piece in carved]),
-                soft_low=np.concatenate([piece.soft_low for piece in carved]),
-                soft_high=np.concatenate([piece.soft_high for piece in carved]),
-                moves=moves,
-            )
-        )
-        previous_lane, previous_order, branch_lane, branch_block = lane_of, order, branches.lanes[:, k], block
-    return Corridors(tuple(stages), tuple(forbidden))
-
-
-def _start(problem: DecisionProblem, branches: Branches) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Describe step 0 like a stage with the single window 1; block 0 lies behind it and block 1 ahead."""
-    lane = np.array([v.state.lane for v in problem.vehicles], dtype=np.int64)
-    ego_is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
-    block = np.where(ego_is_ahead, 0, 1)
-    return np.array([problem.ego.lane]), np.array([1]), lane[branches.vehicle], block[branches.vehicle]
+        levels: list[Level] = lattice.levels(k + 1) if levelled else [(0, 0)]
+        pieces: list[_Piece] = []
+        for index, state in enumerate(states[k + 1]):
+            rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
+            for level, phase in levels:
+                speed = lattice.speed_at(level, phase)
+                if speed not in by_speed:
+                    by_speed[speed] = distances.hard(speed), distances.safe(speed)
+                pieces.append(_carve(lattice, branches, by_speed[speed], k, rows, _Place(state, index, level, phase)))
+        after = _Frontier(states[k + 1], pieces)
+        stages.append(_stage(after, _moves(before, after, sweep_steps(problem), levelled=levelled)))
+        before = after
+    return Corridors(
+        stages=tuple(stages),
+        states=tuple(map(tuple, states)),
+        levelled=levelled,
+        forbidden=_forbidden(problem, lattice, branches, distances, occupied),
+    )
 
 
 @dataclass(frozen=True)
-class _Lane:
-    """One lane at one step: its windows, and the block that each of its branches belongs to."""
+class _Place:
+    """What a piece of the graph is for: a lane state and a speed level."""
 
-    rows: IntArray
-    block: IntArray
+    state: LaneState
+    index: int
+    level: int
+    phase: int
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """One lane state at one step and speed level: its windows, and the block that each branch belongs to."""
+
+    place: _Place
+    block: IntArray  # (B,), -1 where the branch takes up none of the state's lanes
     block_low: FloatArray
     block_high: FloatArray
     order: IntArray
-    low: FloatArray
-    high: FloatArray
-    soft_low: FloatArray
-    soft_high: FloatArray
+    bounds: FloatArray  # (4, N): low, high, soft_low, soft_high
 
 
-def _carve_lane(lattice: EgoLattice, branches: Branches, hard: Clearance, soft: Clearance, k: int, lane: int) -> _Lane:
-    """Merge the forbidden stretches of one lane at step index k into blocks and list the windows between them."""
-    rows = np.flatnonzero(branches.lanes[:, k] == lane)
-    x, vehicle = branches.x[rows, k], branches.vehicle[rows]
+@dataclass(frozen=True)
+class _Frontier:
+    """All pieces of one step."""
+
+    states: list[LaneState]
+    pieces: list[_Piece]
+
+
+def _start(problem: DecisionProblem, branches: Branches, state: LaneState) -> _Frontier:
+    """Describe step 0 like a step with the single window 1; block 0 lies behind it and block 1 ahead."""
+    shares = np.array(
+        [bool(present_lanes(problem, v.state) & set(state.occupied)) for v in problem.vehicles], dtype=bool
+    )
+    ego_is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
+    block = np.where(shares, np.where(ego_is_ahead, 0, 1), -1).astype(np.int64)
+    nothing = np.zeros(0)
+    piece = _Piece(_Place(state, 0, 0, 0), block[branches.vehicle], nothing, nothing, np.array([1]), np.zeros((4, 1)))
+    return _Frontier([state], [piece])
+
+
+def _carve(
+    lattice: EgoLattice, branches: Branches, by_kind: tuple[Clearance, Clearance], k: int, rows: IntArray, place: _Place
+) -> _Piece:
+    """Merge the forbidden stretches of some branches at step index k into blocks and list the windows between them."""
+    hard, soft = by_kind
+    x = branches.x[rows, k]
     # The ends belong to the windows, and a distance may miss its bound by the tolerance.
-    low = x - np.maximum(hard.behind[vehicle, k] - DISTANCE_TOLERANCE, 0.0)
-    high = x + np.maximum(hard.ahead[vehicle, k] - DISTANCE_TOLERANCE, 0.0)
+    low = x - np.maximum(hard.behind[rows, k] - DISTANCE_TOLERANCE, 0.0)
+    high = x + np.maximum(hard.ahead[rows, k] - DISTANCE_TOLERANCE, 0.0)
     by_low = np.argsort(low, kind="stable")
-    rows, x, vehicle, low, high = rows[by_low], x[by_low], vehicle[by_low], low[by_low], high[by_low]
+    rows, x, low, high = rows[by_low], x[by_low], low[by_low], high[by_low]
     reach = np.maximum.accumulate(high)
     first = np.ones(len(rows), dtype=bool)
     first[1:] = low[1:] >= reach[:-1]
-    block = np.cumsum(first) - 1
+    block = np.full(len(branches.vehicle), -1, dtype=np.int64)
+    block[rows] = np.cumsum(first) - 1
     starts = np.flatnonzero(first)
     last = np.append(starts[1:], len(rows)) - 1 if len(rows) else starts
     block_low, block_high = low[starts], reach[last]
-    # Within a relaxed window the worst distance to all that is behind and to all that is ahead counts.
-    soft_reach = np.maximum.accumulate(x + np.maximum(soft.ahead[vehicle, k] - DISTANCE_TOLERANCE, 0.0))
-    soft_limit = np.minimum.accumulate((x - np.maximum(soft.behind[vehicle, k] - DISTANCE_TOLERANCE, 0.0))[::-1])[::-1]
-    inf = np.array([np.inf])
-    ends = np.stack(
-        [
-            np.concatenate([-inf, block_high]),
-            np.concatenate([block_low, inf]),
-            np.concatenate([-inf, soft_reach[last]]),
-            np.concatenate([soft_limit[starts], inf]),
-        ]
+    ends = np.full((4, len(starts) + 1), np.inf)
+    ends[0::2, 0] = -np.inf
+    ends[0, 1:], ends[1, :-1] = block_high, block_low
+    if hard is soft:
+        ends[2:] = ends[:2]
+    else:
+        # Within a window the worst distance to all that is behind, and to all that is ahead, counts.
+        behind = np.maximum.accumulate(x + np.maximum(soft.ahead[rows, k] - DISTANCE_TOLERANCE, 0.0))
+        ahead = (x - np.maximum(soft.behind[rows, k] - DISTANCE_TOLERANCE, 0.0))[::-1]
+        ends[2, 1:] = behind[last]
+        ends[3, :-1] = np.minimum.accumulate(ahead)[::-1][starts]
+    units = lattice.to_units(k + 1, ends)
+    reach_units = _reach(lattice, k + 1)
+    units[0::2] = np.maximum(units[0::2], reach_units[0])
+    units[1::2] = np.minimum(units[1::2], reach_units[1])
+    if not lattice.stopping:
+        # Positions are whole numbers of units: so are the bounds that matter.
+        units[0], units[1] = np.ceil(units[0] - UNIT_TOLERANCE), np.floor(units[1] + UNIT_TOLERANCE)
+    order = np.flatnonzero(units[0] <= units[1])
+    return _Piece(place, block, block_low, block_high, order, units[:, order])
+
+
+def _reach(lattice: EgoLattice, step: int) -> tuple[float, float]:
+    """Return the least and greatest lattice point within k steps; who stops is at most at rest all the time behind."""
+    back = -float(step**2)
+    if lattice.stopping:
+        back = min(back, (lattice.x - lattice.drift(step)) / lattice.unit)
+    return back, float(step**2)
+
+
+def _stage(frontier: _Frontier, moves: BoolArray) -> Stage:
+    """Join the pieces of one step."""
+    pieces = frontier.pieces
+    sizes = [len(piece.order) for piece in pieces]
+    places = [piece.place for piece in pieces]
+    bounds = np.concatenate([piece.bounds for piece in pieces], axis=1) if pieces else np.zeros((4, 0))
+
+    def spread(values: list[int]) -> IntArray:
+        return np.repeat(np.array(values, dtype=np.int64), sizes)
+
+    return Stage(
+        lane=spread([place.state.lane for place in places]),
+        state=spread([place.index for place in places]),
+        order=np.concatenate([piece.order for piece in pieces]) if pieces else np.zeros(0, dtype=np.int64),
+        level=spread([place.level for place in places]),
+        phase=spread([place.phase for place in places]),
+        low=bounds[0],
+        high=bounds[1],
+        soft_low=bounds[2],
+        soft_high=bounds[3],
+        moves=moves,
     )
-    step = k + 1
-    units = lattice.to_units(step, ends)
-    window_low = np.maximum(np.ceil(units[0]), -(step**2))
-    window_high = np.minimum(np.floor(units[1]), step**2)
-    order = np.flatnonzero(window_low <= window_high)
-    return _Lane(
-        rows=rows,
-        block=block,
-        block_low=block_low,
-        block_high=block_high,
-        order=order,
-        low=window_low[order],
-        high=window_high[order],
-        soft_low=np.maximum(units[2], -(step**2))[order],
-        soft_high=np.minimum(units[3], step**2)[order],
-    )
 
 
-def _moves(
-    before: tuple[IntArray, IntArray],
-    after: tuple[IntArray, IntArray],
-    branch_before: tuple[IntArray, IntArray],
-    branch_after: tuple[IntArray, IntArray],
-) -> BoolArray:
-    """Tell which windows can follow each other.
+def _moves(before: _Frontier, after: _Frontier, sweep: int, *, levelled: bool) -> BoolArray:
+    """Tell which windows can follow each other, shape (N before, N after)."""
+    successors = {state: {state.after(lateral, sweep) for lateral in Lateral} for state in before.states}
+    rows = []
+    for earlier in before.pieces:
+        row = []
+        for later in after.pieces:
+            shape = (len(earlier.order), len(later.order))
+            possible = later.place.state in successors[earlier.place.state]
+            if possible and levelled:
+                possible = _levels_follow(earlier.place, later.place)
+            row.append(_same_side(earlier, later) if possible and 0 not in shape else np.zeros(shape, dtype=bool))
+        rows.append(np.concatenate(row, axis=1) if row else np.zeros((len(earlier.order), 0), dtype=bool))
+    return np.concatenate(rows, axis=0) if rows else np.zeros((0, 0), dtype=bool)
 
-    Args:
-        before: (lane, order) of the windows before.
-        after: the same after.
-        branch_before: (lane, block) of the branches before.
-        branch_after: the same after.
 
-    Returns:
-        (N before, N after): lanes at most one apart, and every branch that shares the ego's lane in both steps is
-        on the same side of it in both.
-    """
-    lane_before, order_before = before
-    lane_after, order_after = after
-    allowed: BoolArray = np.abs(lane_before[:, None] - lane_after[None, :]) <= 1
-    relations = np.stack([*branch_before, *branch_after], axis=1)
-    # Branches that have the ego on neither side of a move need no look; most of the rest repeat one another.
-    relevant = (relations[:, 1] >= 0) & (relations[:, 3] >= 0) & (np.abs(relations[:, 0] - relations[:, 2]) <= 1)
-    relations = relations[relevant]
-    if len(relations) and allowed.size:
-        seen = np.zeros(relations.max(axis=0) + 1, dtype=bool)
-        seen[tuple(relations.T)] = True
-        from_lane, from_block, to_lane, to_block = np.nonzero(seen)
-        concerns = (lane_before == from_lane[:, None])[:, :, None] & (lane_after == to_lane[:, None])[:, None, :]
-        ahead_before = (order_before > from_block[:, None])[:, :, None]
-        ahead_after = (order_after > to_block[:, None])[:, None, :]
-        allowed &= ~(concerns & (ahead_before != ahead_after)).any(axis=0)
+def _levels_follow(earlier: _Place, later: _Place) -> bool:
+    """Tell whether one step can lead from one speed level to another."""
+    return abs(later.level - earlier.level) <= 1 and earlier.phase <= later.phase
+
+
+def _same_side(earlier: _Piece, later: _Piece) -> BoolArray:
+    """Tell for each pair of windows whether every branch that is in both pieces is on the same side in both."""
+    shared = (earlier.block >= 0) & (later.block >= 0)
+    allowed = np.ones((len(earlier.order), len(later.order)), dtype=bool)
+    if shared.any():
+        width = int(later.block.max()) + 1
+        # Branches repeat one another: few pairs of blocks remain.
+        pairs = np.unique(earlier.block[shared] * width + later.block[shared])
+        ahead_before = earlier.order[None, :] > (pairs // width)[:, None]
+        ahead_after = later.order[None, :] > (pairs % width)[:, None]
+        allowed = (ahead_before[:, :, None] == ahead_after[:, None, :]).all(axis=0)
     return allowed
+
+
+def _forbidden(
+    problem: DecisionProblem, lattice: EgoLattice, branches: Branches, distances: Clearances, occupied: BoolArray
+) -> tuple[ForbiddenInterval, ...]:
+    """Return what is forbidden in each lane by itself at the present speed."""
+    found = []
+    safe = distances.safe(problem.ego.speed)
+    for k in range(problem.settings.horizon_steps):
+        for lane in range(1, problem.road.lane_count + 1):
+            rows = np.flatnonzero(occupied[:, k, lane - 1])
+            piece = _carve(lattice, branches, (safe, safe), k, rows, _Place(LaneState(lane), 0, 0, 0))
+            found += [
+                ForbiddenInterval(k + 1, lane, a, b)
+                for a, b in zip(piece.block_low.tolist(), piece.block_high.tolist(), strict=True)
+            ]
+    return tuple(found)

@@ -1,19 +1,27 @@
 """Stage cost and terminal cost (docs/formulation.md, eqs. 12 and 13)."""
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import overload
 
+import numpy as np
+
+from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import SPEED_TOLERANCE, ManeuverSequence, Preferences
 
 # The baseline policy needs one step per speed level and lane; a rollout that takes longer than this never ends.
 MAX_ROLLOUT_STEPS = 100_000
+UNREACHABLE = "the baseline policy must reach the goal mode: the dead band is under half a speed step"
 
 
-def speed_cost(preferences: Preferences, speed: float) -> float:
-    """Return speed_weight * max(0, |v - v_des| - deadband) for a speed [m/s]."""
-    excess = abs(speed - preferences.desired_speed) - preferences.speed_deadband
-    return preferences.speed_weight * excess if excess > SPEED_TOLERANCE else 0.0
+@overload
+def speed_cost(preferences: Preferences, speed: float) -> float: ...
+@overload
+def speed_cost(preferences: Preferences, speed: FloatArray) -> FloatArray: ...
+def speed_cost(preferences: Preferences, speed: float | FloatArray) -> float | FloatArray:
+    """Return speed_weight * max(0, |v - v_des| - deadband) for speeds [m/s], any shape."""
+    excess = np.abs(speed - preferences.desired_speed) - preferences.speed_deadband
+    cost = np.where(excess > SPEED_TOLERANCE, preferences.speed_weight * excess, 0.0)
+    return cost if isinstance(speed, np.ndarray) else float(cost)
 
 
 def lane_cost(preferences: Preferences, lane: int) -> float:
@@ -38,15 +46,15 @@ def baseline_action(preferences: Preferences, *, lane: int, speed: float, mode: 
     return lateral, mode + int(np.sign(wanted - mode))
 
 
-def cost_to_go(preferences: Preferences, *, lane: int, speed: float, mode: int, speed_step: float) -> float:
+def cost_to_go(preferences: Preferences, lattice: EgoLattice, *, lane: int, speed: float, mode: int) -> float:
     """Return the cost of the baseline policy until the goal mode, without traffic (docs/formulation.md, eq. 13).
 
     Args:
         preferences: with a dead band of at least half a speed step, else the goal may never be reached.
+        lattice: for its speed step; where it allows stopping, the baseline stops within a step too.
         lane: to start from.
         speed: to start from [m/s].
         mode: to start from.
-        speed_step: accel * T [m/s].
 
     Raises:
         ValueError: if the goal mode is not reached.
@@ -58,44 +66,64 @@ def cost_to_go(preferences: Preferences, *, lane: int, speed: float, mode: int, 
         if lateral == 0 and mode == 0 and in_band:
             return total
         lane, mode = lane + lateral, next_mode
-        speed += mode * speed_step
+        speed = next_speed(lattice, speed, mode)
         total += stage_cost(preferences, mode=mode, lateral=lateral, speed=speed, lane=lane)
-    raise ValueError("the baseline policy must reach the goal mode: the dead band is under half a speed step")
+    raise ValueError(UNREACHABLE)
 
 
-def terminal_table(preferences: Preferences, lattice: EgoLattice, lane_count: int) -> NDArray[np.float64]:
-    """Tabulate terminal_weight * J_H over all ends of the horizon.
+def next_speed(lattice: EgoLattice, speed: float, mode: int) -> float:
+    """Return the ego's speed one step on [m/s]."""
+    following = speed + mode * lattice.speed_step
+    return max(0.0, following) if lattice.stopping else following
+
+
+def terminal_table(preferences: Preferences, lattice: EgoLattice, lane_count: int) -> FloatArray:
+    """Tabulate the cost-to-go J_H of every end of the horizon, all rolled out together.
 
     Returns:
-        Shape (lanes, 2 H + 1, 3): lane - 1, level n + H, mode + 1; all zero with a terminal weight of 0.
+        Shape (lanes, 2 H + 1, 2, 3): lane - 1, level n + H, phase, mode + 1.
+
+    Raises:
+        ValueError: if the goal mode is not reached from somewhere.
     """
     H = lattice.steps
-    table = np.zeros((lane_count, 2 * H + 1, 3))
-    if preferences.terminal_weight == 0:
-        return table
-    speed_step = lattice.accel * lattice.period
-    for lane in range(1, lane_count + 1):
-        for level in range(-H, H + 1):
-            for mode in (-1, 0, 1):
-                table[lane - 1, level + H, mode + 1] = preferences.terminal_weight * cost_to_go(
-                    preferences, lane=lane, speed=lattice.speed_at(level), mode=mode, speed_step=speed_step
-                )
-    return table
+    shape = (lane_count, 2 * H + 1, 2, 3)
+    lane, level, phase, mode = (index.ravel() for index in np.indices(shape))
+    lane, level, mode = lane + 1, level - H, mode - 1
+    rolling = lattice.speed + lattice.speed_step * level
+    rested = lattice.speed_step * np.maximum(lattice.levels_to_rest + level, 0)
+    speed = np.where(phase == 1, rested, rolling)
+    costs = np.array(preferences.maneuver_cost)[::-1]
+    band = preferences.speed_deadband + SPEED_TOLERANCE
+    goal = preferences.goal_lane
+    total, todo = np.zeros(lane.size), np.arange(lane.size)
+    for _ in range(MAX_ROLLOUT_STEPS):
+        error = speed - preferences.desired_speed
+        wanted = np.where(np.abs(error) <= band, 0, -np.sign(error)).astype(np.int64)
+        lateral = np.zeros_like(lane) if goal is None else np.sign(goal - lane)
+        left = np.flatnonzero((wanted != 0) | (mode != 0) | (lateral != 0))
+        if not len(left):
+            return total.reshape(shape)
+        todo, lateral = todo[left], lateral[left]
+        mode = mode[left] + np.sign(wanted[left] - mode[left])
+        lane = lane[left] + lateral
+        speed = speed[left] + mode * lattice.speed_step
+        if lattice.stopping:
+            speed = np.maximum(speed, 0.0)
+        total[todo] += costs[mode + 1, lateral + 1] + speed_cost(preferences, speed)
+        if goal is not None:
+            total[todo] += preferences.lane_weight * np.abs(lane - goal)
+    raise ValueError(UNREACHABLE)
 
 
 def objective(preferences: Preferences, lattice: EgoLattice, start_lane: int, sequence: ManeuverSequence) -> float:
-    """Return the whole cost of a sequence of maneuvers."""
-    levels, _ = lattice.walk(tuple(int(mode) for mode in sequence.modes))
+    """Return the whole cost of a sequence of maneuvers, step by step."""
+    motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
     total, lane = 0.0, start_lane
-    for lateral, mode, level in zip(sequence.laterals, sequence.modes, levels, strict=True):
+    for lateral, mode, motion in zip(sequence.laterals, sequence.modes, motions, strict=True):
         lane += lateral
-        total += stage_cost(preferences, mode=mode, lateral=lateral, speed=lattice.speed_at(level), lane=lane)
+        total += stage_cost(preferences, mode=mode, lateral=lateral, speed=motion.speed, lane=lane)
     if preferences.terminal_weight:
-        total += preferences.terminal_weight * cost_to_go(
-            preferences,
-            lane=lane,
-            speed=lattice.speed_at(levels[-1]),
-            mode=sequence.modes[-1],
-            speed_step=lattice.accel * lattice.period,
-        )
+        end = cost_to_go(preferences, lattice, lane=lane, speed=motions[-1].speed, mode=sequence.modes[-1])
+        total += preferences.terminal_weight * end
     return total

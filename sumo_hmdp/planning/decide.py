@@ -1,21 +1,26 @@
 """One decision from problem to answer: predict, tighten, carve, solve (docs/formulation.md, section 9)."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
 from sumo_hmdp.hmdp.branches import Branches, predict
-from sumo_hmdp.planning.corridors import Clearance, Corridors, carve, contact_clearance
+from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.corridors import Corridors, carve, clearances
 from sumo_hmdp.planning.cost import objective
+from sumo_hmdp.planning.distance import safe_clearance
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
+from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.planning.optimiser import best_sequence, least_violation
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.risk import margins
+from sumo_hmdp.planning.search import search_best, search_relaxed
 
 Solver = Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]
 
@@ -36,7 +41,8 @@ class SolverPair:
 
 
 MILP = SolverPair("milp", best_sequence, least_violation)
-SOLVERS = {MILP.name: MILP}
+SEARCH = SolverPair("search", search_best, search_relaxed)
+SOLVERS = {pair.name: pair for pair in (MILP, SEARCH)}
 
 
 @dataclass(frozen=True)
@@ -100,15 +106,14 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
     started = time.perf_counter()
     lattice = ego_lattice(problem)
     branches = predict(problem.vehicles, problem.settings.prediction())
-    distance = problem.settings.safe_distance + margins(branches, problem.settings)
-    safe = Clearance(ahead=distance, behind=distance)
-    corridors = carve(problem, lattice, branches, safe)
+    margin = margins(branches, problem.settings)
+    corridors = carve(problem, lattice, branches, clearances(problem, branches, margin, relaxed=False))
     status, reason, violation = Status.OPTIMAL, "", 0.0
     sequence = solver.best(problem, lattice, corridors)
     if sequence is None:
         status = Status.RELAXED
-        touching = contact_clearance(problem, safe)
-        sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, touching, safe))
+        contact = clearances(problem, branches, margin, relaxed=True)
+        sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, contact))
     if sequence is None:
         brake, blocker = braking_demand(problem, branches)
         reason = (
@@ -130,7 +135,7 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
         )
     plan = make_plan(problem, lattice, sequence)
     if status is Status.RELAXED:
-        violation, worst = violation_of(plan, branches, safe)
+        violation, worst = violation_of(problem, plan, branches, margin)
         reason = (
             f"no plan keeps every distance; {worst.vehicle_id} at step {worst.step} is {worst.metres:.2f} m too near"
         )
@@ -152,7 +157,7 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
 
 def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:
     """Return where a sequence of maneuvers leads."""
-    levels, points = lattice.walk(tuple(int(mode) for mode in sequence.modes))
+    motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
     lanes = problem.ego.lane + np.cumsum(np.array(sequence.laterals, dtype=int))
     return tuple(
         PlanStep(
@@ -160,29 +165,48 @@ def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverS
             lateral=sequence.laterals[k],
             mode=sequence.modes[k],
             lane=int(lanes[k]),
-            x=lattice.position_at(k + 1, points[k]),
-            speed=max(0.0, lattice.speed_at(levels[k])),
+            x=lattice.position_at(k + 1, motion.point),
+            # A speed limit of zero is met up to rounding.
+            speed=max(0.0, motion.speed),
         )
-        for k in range(lattice.steps)
+        for k, motion in enumerate(motions)
     )
 
 
-def violation_of(plan: tuple[PlanStep, ...], branches: Branches, safe: Clearance) -> tuple[float, Shortfall]:
+def shortfalls(
+    problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
+) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
+    """Yield per step of a plan what is missing to the safe distance of every branch that shares a lane with it.
+
+    Yields:
+        Step index k, rows of the branches, whether the ego is ahead of each, and the metres that are missing, not
+        above 0 where the distance is kept.
+    """
+    occupied = occupied_lanes(problem, branches)
+    sweep = sweep_steps(problem)
+    state = start_state(problem)
+    for k, step in enumerate(plan):
+        state = state.after(step.lateral, sweep)
+        rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
+        x = branches.x[rows, k]
+        ahead = step.x > x
+        safe = safe_clearance(problem, branches, margin, step.speed)
+        yield k, rows, ahead, np.where(ahead, safe.ahead[rows, k], safe.behind[rows, k]) - np.abs(step.x - x)
+
+
+def violation_of(
+    problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
+) -> tuple[float, Shortfall]:
     """Return the total violation of a plan [m] and its worst distance (docs/formulation.md, eq. 14).
 
     The violation of a step is the largest shortfall to what is behind plus the largest to what is ahead.
     """
     total, worst = 0.0, Shortfall("no vehicle", 0, 0.0)
-    for k, step in enumerate(plan):
-        rows = np.flatnonzero(branches.lanes[:, k] == step.lane)
-        vehicle, x = branches.vehicle[rows], branches.x[rows, k]
-        ahead = step.x > x
-        missing = np.where(ahead, safe.ahead[vehicle, k], safe.behind[vehicle, k]) - np.abs(step.x - x)
-        missing[missing <= DISTANCE_TOLERANCE] = 0.0
-        for side in (ahead, ~ahead):
-            if side.any():
-                total += float(missing[side].max())
-        if len(rows) and missing.max() > worst.metres:
-            at = int(missing.argmax())
-            worst = Shortfall(branches.vehicles[vehicle[at]].state.id, step.step, float(missing[at]))
+    for k, rows, ahead, missing in shortfalls(problem, plan, branches, margin):
+        counted = np.where(missing > DISTANCE_TOLERANCE, missing, 0.0)
+        total += float(counted[ahead].max(initial=0.0) + counted[~ahead].max(initial=0.0))
+        if counted.max(initial=0.0) > worst.metres:
+            at = int(counted.argmax())
+            vehicle = branches.vehicles[branches.vehicle[rows[at]]]
+            worst = Shortfall(vehicle.state.id, k + 1, float(counted[at]))
     return total, worst

@@ -58,8 +58,10 @@ class CompiledModel:
 
     Attributes:
         shape: what it was compiled for.
-        columns: column index of each decision variable, by (name, index).
-        slots: index of each datum, by (name, index).
+        columns: where the columns of each decision variable lie, by name; indices run in row-major order.
+        slots: where the data of each name lie, likewise.
+        column_count: number of columns.
+        slot_count: number of data.
         rows: (nonzeros,) row of each coefficient.
         cols: (nonzeros,) its column.
         coefficients: their values.
@@ -70,8 +72,10 @@ class CompiledModel:
     """
 
     shape: Shape
-    columns: Mapping[tuple[str, Any], int]
-    slots: Mapping[tuple[str, Any], int]
+    columns: Mapping[str, slice]
+    slots: Mapping[str, slice]
+    column_count: int
+    slot_count: int
     rows: NDArray[np.int32]
     cols: NDArray[np.int32]
     coefficients: _Affine
@@ -101,13 +105,15 @@ class _AffineBuilder:
         return _Affine(np.array(self.constant), sparse.csr_array((factors, (positions, slots)), shape=shape))
 
 
-def _keyed(block: pyo.Block, *, descend: bool) -> dict[tuple[str, Any], Any]:
-    """List the variables of a block by (name, index)."""
-    return {
-        (component.local_name, index): variable
-        for component in block.component_objects(pyo.Var, descend_into=descend)
-        for index, variable in component.items()
-    }
+def _numbered(block: pyo.Block) -> tuple[dict[str, slice], list[Any]]:
+    """List the variables of a block, and where those of each name lie in the list."""
+    places: dict[str, slice] = {}
+    variables: list[Any] = []
+    for component in block.component_objects(pyo.Var, descend_into=False):
+        start = len(variables)
+        variables.extend(component.values())
+        places[component.local_name] = slice(start, len(variables))
+    return places, variables
 
 
 @lru_cache(maxsize=64)
@@ -118,9 +124,10 @@ def compile_model(shape: Shape) -> CompiledModel:
         ValueError: if a row is not linear in the columns, or not affine in the data.
     """
     model = build_model(shape)
-    data, columns = _keyed(model.data, descend=False), _keyed(model, descend=False)
-    slot = {id(variable): number for number, variable in enumerate(data.values())}
-    column = {id(variable): number for number, variable in enumerate(columns.values())}
+    slots, data = _numbered(model.data)
+    columns, unknowns = _numbered(model)
+    slot = {id(variable): number for number, variable in enumerate(data)}
+    column = {id(variable): number for number, variable in enumerate(unknowns)}
     coefficients, low, high = _AffineBuilder(), _AffineBuilder(), _AffineBuilder()
     rows: list[int] = []
     cols: list[int] = []
@@ -138,7 +145,7 @@ def compile_model(shape: Shape) -> CompiledModel:
                 for datum, factor in shifts:
                     builder.depend(position, datum, -factor)
     cost = _AffineBuilder()
-    for _ in columns:
+    for _ in unknowns:
         cost.add()
     for at, factor, datum in _terms(model.cost.expr, slot, column)[0]:
         if datum is None:
@@ -147,15 +154,17 @@ def compile_model(shape: Shape) -> CompiledModel:
             cost.depend(at, datum, factor)
     return CompiledModel(
         shape=shape,
-        columns={key: number for number, key in enumerate(columns)},
-        slots={key: number for number, key in enumerate(data)},
+        columns=columns,
+        slots=slots,
+        column_count=len(unknowns),
+        slot_count=len(data),
         rows=np.array(rows, dtype=np.int32),
         cols=np.array(cols, dtype=np.int32),
         coefficients=coefficients.build(len(data)),
         row_low=low.build(len(data)),
         row_high=high.build(len(data)),
         cost=cost.build(len(data)),
-        integer=np.array([variable.is_binary() for variable in columns.values()]),
+        integer=np.array([variable.is_binary() for variable in unknowns]),
     )
 
 
@@ -211,7 +220,7 @@ def solve(compiled: CompiledModel, data: FloatArray) -> MilpResult:
     values = compiled.coefficients.at(data)
     matrix = sparse.csc_array(
         (values, (compiled.rows, compiled.cols)),
-        shape=(len(compiled.row_low.constant), len(compiled.columns)),
+        shape=(len(compiled.row_low.constant), compiled.column_count),
     )
     matrix.eliminate_zeros()
     lp = highspy.HighsLp()

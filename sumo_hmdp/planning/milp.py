@@ -28,6 +28,8 @@ class Shape:
         lanes: of the road.
         terminal: whether there is a terminal cost.
         relaxed: whether distances may be violated at a price.
+        levelled: whether windows hold for one speed level only.
+        stopping: whether the ego may come to rest within a step.
     """
 
     steps: int
@@ -35,6 +37,8 @@ class Shape:
     lanes: int
     terminal: bool
     relaxed: bool
+    levelled: bool
+    stopping: bool
 
 
 def build_model(shape: Shape) -> pyo.ConcreteModel:
@@ -58,11 +62,21 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
     model.speed_not_above = pyo.Constraint(model.K, rule=speed_not_above)
     model.excess_of_high_speed = pyo.Constraint(model.K, rule=excess_of_high_speed)
     model.excess_of_low_speed = pyo.Constraint(model.K, rule=excess_of_low_speed)
+    if shape.stopping:
+        model.rest_needs_braking = pyo.Constraint(model.K, rule=rest_needs_braking)
+        model.rest_is_lowest = pyo.Constraint(model.K, rule=rest_is_lowest)
+        model.one_stop = pyo.Constraint(rule=one_stop)
+        model.stand_after_stop = pyo.Constraint(model.K, rule=stand_after_stop)
+    if shape.levelled:
+        model.window_has_level = pyo.Constraint(model.K, rule=window_has_level)
+    if shape.levelled and shape.stopping:
+        model.window_has_phase = pyo.Constraint(model.K, rule=window_has_phase)
     if shape.terminal:
         model.end_lane = pyo.Constraint(model.L, rule=end_lane)
         model.end_mode = pyo.Constraint(MODES, rule=end_mode)
-        model.end_level = pyo.Constraint(model.N, rule=end_level)
+        model.end_level = pyo.Constraint(model.N, model.P, rule=end_level)
         model.end_level_is_reached = pyo.Constraint(rule=end_level_is_reached)
+        model.end_phase_is_reached = pyo.Constraint(model.P, rule=end_phase_is_reached)
     if shape.relaxed:
         model.soft_behind = pyo.Constraint(model.K, rule=soft_behind)
         model.soft_ahead = pyo.Constraint(model.K, rule=soft_ahead)
@@ -91,10 +105,19 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
     data.speed_error = pyo.Var()
     data.deadband = pyo.Var()
     data.speed_weight = pyo.Var()
+    if shape.levelled:
+        data.window_level = pyo.Var(K, I)
+        data.window_phase = pyo.Var(K, I)
+    if shape.stopping:
+        data.may_stop = pyo.Var()
+        data.stands_at_start = pyo.Var()
+        data.lost_share = pyo.Var()
+        data.lost_share_squared = pyo.Var()
     if shape.terminal:
         model.N = pyo.RangeSet(-shape.steps, shape.steps)
+        model.P = pyo.RangeSet(0, int(shape.stopping))
         data.in_lane = pyo.Var(model.L, I)
-        data.terminal = pyo.Var(model.L, model.N, MODES)
+        data.terminal = pyo.Var(model.L, model.N, model.P, MODES)
     if shape.relaxed:
         data.soft_low = pyo.Var(K, I)
         data.soft_high = pyo.Var(K, I)
@@ -108,8 +131,11 @@ def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
     model.z = pyo.Var(model.K, model.I, domain=pyo.Binary)
     model.p = pyo.Var(model.K, domain=pyo.NonNegativeReals)
     if shape.terminal:
-        model.level = pyo.Var(model.N, domain=pyo.Binary)
-        model.end = pyo.Var(model.L, model.N, MODES, domain=pyo.NonNegativeReals)
+        model.level = pyo.Var(model.N, model.P, domain=pyo.Binary)
+        model.end = pyo.Var(model.L, model.N, model.P, MODES, domain=pyo.NonNegativeReals)
+    if shape.stopping:
+        model.stop = pyo.Var(model.K, domain=pyo.Binary)
+        model.stand = pyo.Var(model.K, domain=pyo.Binary)
     if shape.relaxed:
         model.short_behind = pyo.Var(model.K, domain=pyo.NonNegativeReals)
         model.short_ahead = pyo.Var(model.K, domain=pyo.NonNegativeReals)
@@ -126,13 +152,70 @@ def mode_value(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 
 def speed_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return n_k, the sum of the modes of steps 1..k."""
-    return sum(mode_value(model, j) for j in range(1, k + 1))
+    """Return n_k, the sum of the modes of steps 1..k; a step that stops or stands does not lower it."""
+    level = sum(mode_value(model, j) for j in range(1, k + 1))
+    if hasattr(model, "stop"):
+        level += sum(model.stop[j] + model.stand[j] for j in range(1, k + 1))
+    return level
+
+
+def speed_gain(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Return (v_k - v_0) / (accel T); a stop loses less than a speed step."""
+    gain = sum(mode_value(model, j) for j in range(1, k + 1))
+    if hasattr(model, "stop"):
+        gain += sum(model.data.lost_share * model.stop[j] + model.stand[j] for j in range(1, k + 1))
+    return gain
 
 
 def lattice_point(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return s_k, the ego's position in lattice units ahead of cruising."""
-    return sum((2 * (k - j) + 1) * mode_value(model, j) for j in range(1, k + 1))
+    """Return s_k, the ego's position in lattice units ahead of cruising (docs/formulation.md, eq. 11).
+
+    Braking from the share r of a speed step to rest covers r^2 units instead of 2 r - 1, that is (1 - r)^2 more, and
+    leaves 1 - r speed steps more for the steps that follow; who stands covers none.
+    """
+    point = sum((2 * (k - j) + 1) * mode_value(model, j) for j in range(1, k + 1))
+    if hasattr(model, "stop"):
+        for j in range(1, k + 1):
+            point += (2 * (k - j) + 1) * model.stand[j]
+            point += 2 * (k - j) * model.data.lost_share * model.stop[j] + model.data.lost_share_squared * model.stop[j]
+    return point
+
+
+def has_stopped(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Indicate that a stop happened in steps 1..k: phase 1."""
+    return sum(model.stop[j] for j in range(1, k + 1))
+
+
+def rest_needs_braking(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: stop_k + stand_k <= dec_k."""
+    return model.stop[k] + model.stand[k] <= mode_is(model, k, -1)
+
+
+def rest_is_lowest(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: n_k - n_min <= 2 H (1 - stop_k - stand_k); only a step that would end below zero ends at rest."""
+    room = 2 * model.K.last()
+    return speed_level(model, k) - model.data.level_min <= room * (1 - model.stop[k] - model.stand[k])
+
+
+def one_stop(model: pyo.ConcreteModel) -> pyo.Expression:
+    """Row: sum of stops <= 1, and 0 where the lattice has the speed zero anyway; then the ego always stands."""
+    return has_stopped(model, model.K.last()) <= model.data.may_stop
+
+
+def stand_after_stop(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: stand_k <= stops before step k, or the lattice has the speed zero."""
+    before = has_stopped(model, k - 1) if k > 1 else 0
+    return model.stand[k] <= before + model.data.stands_at_start
+
+
+def window_has_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: the window is one of the speed level n_k."""
+    return sum(model.data.window_level[k, i] * model.z[k, i] for i in model.I) == speed_level(model, k)
+
+
+def window_has_phase(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: the window is one of the phase."""
+    return sum(model.data.window_phase[k, i] * model.z[k, i] for i in model.I) == has_stopped(model, k)
 
 
 def one_maneuver(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -196,40 +279,47 @@ def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 
 def speed_not_above(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: n_k <= n_max."""
-    return speed_level(model, k) <= model.data.level_max
+    """Row: (v_k - v_0) / (accel T) <= n_max."""
+    return speed_gain(model, k) <= model.data.level_max
 
 
 def excess_of_high_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: p_k >= v_k - v_des - deadband."""
-    return model.p[k] >= model.data.speed_error + model.data.speed_step * speed_level(model, k) - model.data.deadband
+    return model.p[k] >= model.data.speed_error + model.data.speed_step * speed_gain(model, k) - model.data.deadband
 
 
 def excess_of_low_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: p_k >= v_des - v_k - deadband."""
-    return model.p[k] >= -model.data.speed_error - model.data.speed_step * speed_level(model, k) - model.data.deadband
+    return model.p[k] >= -model.data.speed_error - model.data.speed_step * speed_gain(model, k) - model.data.deadband
 
 
 def end_lane(model: pyo.ConcreteModel, lane: int) -> pyo.Expression:
     """Row: the end state's lane is the lane of the last window."""
-    ends = sum(model.end[lane, level, mode] for level in model.N for mode in MODES)
+    ends = sum(model.end[lane, level, phase, mode] for level in model.N for phase in model.P for mode in MODES)
     return ends == sum(model.data.in_lane[lane, i] * model.z[model.K.last(), i] for i in model.I)
 
 
 def end_mode(model: pyo.ConcreteModel, mode: int) -> pyo.Expression:
     """Row: the end state's mode is the last step's."""
-    ends = sum(model.end[lane, level, mode] for lane in model.L for level in model.N)
+    ends = sum(model.end[lane, level, phase, mode] for lane in model.L for level in model.N for phase in model.P)
     return ends == mode_is(model, model.K.last(), mode)
 
 
-def end_level(model: pyo.ConcreteModel, level: int) -> pyo.Expression:
-    """Row: the end state's speed level is the one-hot level."""
-    return sum(model.end[lane, level, mode] for lane in model.L for mode in MODES) == model.level[level]
+def end_level(model: pyo.ConcreteModel, level: int, phase: int) -> pyo.Expression:
+    """Row: the end state's speed level and phase are the one-hot ones."""
+    return sum(model.end[lane, level, phase, mode] for lane in model.L for mode in MODES) == model.level[level, phase]
 
 
 def end_level_is_reached(model: pyo.ConcreteModel) -> pyo.Expression:
     """Row: sum over n of n level[n] = n_H."""
-    return sum(level * model.level[level] for level in model.N) == speed_level(model, model.K.last())
+    reached = sum(level * model.level[level, phase] for level in model.N for phase in model.P)
+    return reached == speed_level(model, model.K.last())
+
+
+def end_phase_is_reached(model: pyo.ConcreteModel, phase: int) -> pyo.Expression:
+    """Row: sum over n of level[n, 1] tells whether the ego has stopped, and level[n, 0] the rest."""
+    stopped = has_stopped(model, model.K.last()) if hasattr(model, "stop") else 0
+    return sum(model.level[level, phase] for level in model.N) == (stopped if phase else 1 - stopped)
 
 
 def soft_behind(model: pyo.ConcreteModel, k: int) -> pyo.Expression:

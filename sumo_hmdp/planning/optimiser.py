@@ -6,14 +6,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.planning.corridors import Corridors
-from sumo_hmdp.planning.cost import lane_cost, terminal_table
+from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors
+from sumo_hmdp.planning.cost import terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.milp import LATERALS, MODES, Shape
-from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 
 FloatArray = NDArray[np.float64]
+
+# The windows' data by name in the model: attribute of `Stage`, and what rounding may cost a bound.
+_BOUNDS = {
+    "low": ("low", -UNIT_TOLERANCE),
+    "high": ("high", UNIT_TOLERANCE),
+    "soft_low": ("soft_low", 0.0),
+    "soft_high": ("soft_high", 0.0),
+    "window_level": ("level", 0.0),
+    "window_phase": ("phase", 0.0),
+}
 
 # Window counts are rounded up to these, so that few shapes are ever compiled.
 WINDOW_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -31,7 +41,7 @@ def best_sequence(problem: DecisionProblem, lattice: EgoLattice, corridors: Corr
     """
     if not corridors.passable:
         return None
-    compiled = compile_model(_shape(problem, corridors, relaxed=False))
+    compiled = compile_model(_shape(problem, lattice, corridors, relaxed=False))
     return _sequence(compiled, solve(compiled, fill(compiled, problem, lattice, corridors)))
 
 
@@ -51,28 +61,23 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     """
     if not corridors.passable:
         return None
-    compiled = compile_model(_shape(problem, corridors, relaxed=True))
+    compiled = compile_model(_shape(problem, lattice, corridors, relaxed=True))
     data = fill(compiled, problem, lattice, corridors)
-    cap = compiled.slots["violation_cap", None]
     violation_only = data.copy()
-    for (name, _), slot in compiled.slots.items():
-        if name in {"maneuver_cost", "lane_cost", "speed_weight", "terminal"}:
-            violation_only[slot] = 0.0
-    violation_only[compiled.slots["violation_factor", None]] = 1.0
-    violation_only[cap] = np.inf
+    for name in ("maneuver_cost", "lane_cost", "speed_weight", "terminal"):
+        if name in compiled.slots:
+            violation_only[compiled.slots[name]] = 0.0
+    violation_only[compiled.slots["violation_factor"]] = 1.0
+    violation_only[compiled.slots["violation_cap"]] = np.inf
     first = solve(compiled, violation_only)
     if _sequence(compiled, first) is None or first.values is None:
         return None
-    data[cap] = sum(
-        value
-        for (name, _), value in zip(compiled.columns, first.values, strict=True)
-        if name in {"short_behind", "short_ahead"}
-    )
-    data[cap] += DISTANCE_TOLERANCE / lattice.unit
+    least = sum(first.values[compiled.columns[name]].sum() for name in ("short_behind", "short_ahead"))
+    data[compiled.slots["violation_cap"]] = least + DISTANCE_TOLERANCE / lattice.unit
     return _sequence(compiled, solve(compiled, data))
 
 
-def _shape(problem: DecisionProblem, corridors: Corridors, *, relaxed: bool) -> Shape:
+def _shape(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
     needed = max(len(stage.lane) for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
@@ -82,44 +87,58 @@ def _shape(problem: DecisionProblem, corridors: Corridors, *, relaxed: bool) -> 
         lanes=problem.road.lane_count,
         terminal=problem.settings.preferences.terminal_weight > 0,
         relaxed=relaxed,
+        levelled=corridors.levelled,
+        stopping=lattice.stopping,
     )
 
 
 def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> FloatArray:
     """Return the data of one decision, one number a slot of the compiled model."""
     shape, preferences = compiled.shape, problem.settings.preferences
-    values: dict[tuple[str, Any], float] = {
-        ("may_accelerate", None): float(problem.ego.mode >= 0),
-        ("may_decelerate", None): float(problem.ego.mode <= 0),
-        ("start_lane", None): problem.ego.lane,
-        ("level_min", None): max(lattice.level_min, -2 * lattice.steps),
-        ("level_max", None): min(lattice.level_max, 2 * lattice.steps),
-        ("speed_step", None): lattice.accel * lattice.period,
-        ("speed_error", None): lattice.speed - preferences.desired_speed,
-        ("deadband", None): preferences.speed_deadband,
-        ("speed_weight", None): preferences.speed_weight,
+    H, width = shape.steps, shape.windows
+    room = 2 * H
+    tolerance = SPEED_TOLERANCE / lattice.speed_step
+    windows = {name: np.zeros((H, width)) for name in ("lane", "lane_cost", *_BOUNDS)}
+    move = np.zeros((H, width, width))
+    for k, stage in enumerate(corridors.stages):
+        count = len(stage.lane)
+        windows["lane"][k, :count] = stage.lane
+        for name, (attribute, slack) in _BOUNDS.items():
+            windows[name][k, :count] = getattr(stage, attribute) + slack
+        move[k, : stage.moves.shape[0], :count] = stage.moves
+    if preferences.goal_lane is not None:
+        windows["lane_cost"] = preferences.lane_weight * np.abs(windows["lane"] - preferences.goal_lane)
+    lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
+    highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
+    values: dict[str, Any] = {
+        "may_accelerate": problem.ego.mode >= 0,
+        "may_decelerate": problem.ego.mode <= 0,
+        "start_lane": problem.ego.lane,
+        "level_min": -lattice.levels_to_rest if lattice.stopping else np.clip(np.ceil(lowest), -room, room),
+        "level_max": np.clip(highest if lattice.stopping else np.floor(highest), -room, room),
+        "speed_step": lattice.speed_step,
+        "speed_error": lattice.speed - preferences.desired_speed,
+        "deadband": preferences.speed_deadband,
+        "speed_weight": preferences.speed_weight,
+        "maneuver_cost": preferences.maneuver_cost,
+        "start_move": move[0, 0],
+        "move": move[1:],
+        **windows,
     }
-    values |= {("maneuver_cost", (m, a)): preferences.maneuver(m, a) for m in MODES for a in LATERALS}
-    for k, stage in enumerate(corridors.stages, start=1):
-        for i, lane in enumerate(stage.lane.tolist()):
-            values["lane", (k, i)] = lane
-            values["lane_cost", (k, i)] = lane_cost(preferences, lane)
-            values["low", (k, i)] = stage.low[i]
-            values["high", (k, i)] = stage.high[i]
-            if shape.relaxed:
-                values["soft_low", (k, i)] = stage.soft_low[i]
-                values["soft_high", (k, i)] = stage.soft_high[i]
-            if shape.terminal and k == shape.steps:
-                values["in_lane", (lane, i)] = 1.0
-        for i, j in np.argwhere(stage.moves).tolist():
-            values[("start_move", j) if k == 1 else ("move", (k, i, j))] = 1.0
+    if shape.stopping:
+        values["may_stop"] = lattice.rest_share > 0
+        values["stands_at_start"] = lattice.rest_share == 0
+        values["lost_share"] = 1 - lattice.rest_share
+        values["lost_share_squared"] = (1 - lattice.rest_share) ** 2
     if shape.terminal:
-        table = terminal_table(preferences, lattice, shape.lanes)
-        for lane, level, mode in np.ndindex(table.shape):
-            values["terminal", (lane + 1, level - lattice.steps, mode - 1)] = table[lane, level, mode]
-    data = np.zeros(len(compiled.slots))
-    for key, value in values.items():
-        data[compiled.slots[key]] = value
+        values["in_lane"] = windows["lane"][-1] == np.arange(1, shape.lanes + 1)[:, None]
+        table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
+        # The model has modes in the order accelerate, cruise, decelerate, and phase 1 only where it can be reached.
+        values["terminal"] = table[:, :, : 1 + shape.stopping, ::-1]
+    data = np.zeros(compiled.slot_count)
+    for name, place in compiled.slots.items():
+        if name in values:
+            data[place] = np.asarray(values[name], dtype=np.float64).ravel()
     return data
 
 
@@ -129,13 +148,10 @@ def _sequence(compiled: CompiledModel, result: MilpResult) -> ManeuverSequence |
         return None
     if not result.optimal or result.values is None:
         raise SolverError(f"HiGHS must prove an optimum or infeasibility, got {result.status!r}")
-    values = result.values
+    chosen = result.values[compiled.columns["u"]].reshape(compiled.shape.steps, len(MODES), len(LATERALS))
     laterals, modes = [], []
-    for k in range(1, compiled.shape.steps + 1):
-        mode, lateral = max(
-            ((m, a) for m in MODES for a in LATERALS),
-            key=lambda index: values[compiled.columns["u", (k, *index)]],
-        )
-        laterals.append(Lateral(lateral))
-        modes.append(Mode(mode))
+    for step in chosen:
+        mode, lateral = np.unravel_index(int(step.argmax()), step.shape)
+        modes.append(Mode(MODES[mode]))
+        laterals.append(Lateral(LATERALS[lateral]))
     return ManeuverSequence(tuple(laterals), tuple(modes))

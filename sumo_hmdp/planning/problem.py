@@ -20,6 +20,39 @@ class RiskAllocation(StrEnum):
 
     INDIVIDUAL = "individual"
     UNIFORM = "uniform"
+    MIXTURE = "mixture"
+
+
+class Occupancy(StrEnum):
+    """Which lanes a vehicle takes up; `planning/occupancy.py` says how."""
+
+    TARGET = "target"
+    SWEPT = "swept"
+
+
+class DistanceRule(StrEnum):
+    """What the safe distance is; `planning/distance.py` says how."""
+
+    FIXED = "fixed"
+    TIME_HEADWAY = "time_headway"
+    RSS = "rss"
+
+
+@dataclass(frozen=True)
+class RssParameters:
+    """Parameters of the RSS distance.
+
+    Attributes:
+        response_time: rho [s].
+        accel_max: strongest acceleration of the follower during its response [m/s2].
+        brake_min: least braking of the follower after it, a positive magnitude [m/s2].
+        brake_max: strongest braking of the leader, a positive magnitude [m/s2].
+    """
+
+    response_time: float = 0.5
+    accel_max: float = 2.0
+    brake_min: float = 4.0
+    brake_max: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -71,6 +104,13 @@ class PlannerSettings:
         forbidden_lanes: lanes that the ego may not choose.
         preferences: the cost.
         gains: of the lateral model of the others.
+        account_pruned: whether `uniform` takes the pruned probability off the risk level.
+        occupancy: which lanes a vehicle takes up.
+        lane_change_time: of the ego, for `swept` [s].
+        distance_rule: what the safe distance is; `safe_distance` is its constant part, unused by `rss`.
+        time_headway: factor of the ego's speed under `time_headway` [s].
+        rss: parameters of `rss`.
+        stopping: whether the ego may come to rest within a step, as the others may.
     """
 
     period: float
@@ -86,6 +126,13 @@ class PlannerSettings:
     forbidden_lanes: frozenset[int] = frozenset()
     preferences: Preferences = field(default_factory=Preferences)
     gains: LateralGains = field(default_factory=LateralGains)
+    account_pruned: bool = False
+    occupancy: Occupancy = Occupancy.TARGET
+    lane_change_time: float = 4.0
+    distance_rule: DistanceRule = DistanceRule.FIXED
+    time_headway: float = 1.5
+    rss: RssParameters = field(default_factory=RssParameters)
+    stopping: bool = False
 
     def prediction(self) -> PredictionSettings:
         """Return what the prediction needs of this."""

@@ -1,13 +1,14 @@
 """The file form of a decision: reading and checking a problem, and writing problems and answers."""
 
-import json
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
+from sumo_hmdp.documents import read_json
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, Lateral, ManeuverState, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
@@ -16,7 +17,15 @@ from sumo_hmdp.hmdp.branches import PredictedVehicle
 from sumo_hmdp.hmdp.dynamics import LateralGains, Noise
 from sumo_hmdp.hmdp.policy import Policy, Probabilities, dead_end, sums_to_one
 from sumo_hmdp.planning.decide import Answer
-from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings, Preferences, RiskAllocation
+from sumo_hmdp.planning.problem import (
+    DecisionProblem,
+    DistanceRule,
+    Occupancy,
+    PlannerSettings,
+    Preferences,
+    RiskAllocation,
+    RssParameters,
+)
 from sumo_hmdp.validation import FileModel, parse, shown
 
 Positive = Annotated[float, Field(gt=0)]
@@ -43,7 +52,7 @@ class PlannerFile(FileModel):
     speed_max_mps: Positive
     safe_distance_m: NonNegative
     risk_level: Annotated[float, Field(gt=0, le=0.5)]
-    risk_allocation: Literal["individual", "uniform"]
+    risk_allocation: Literal["individual", "uniform", "mixture"]
     sequence_threshold: Annotated[float, Field(gt=0, le=1)]
     action_threshold: Annotated[float, Field(ge=0, lt=1)] = 0.0
     maneuver_cost: Annotated[list[CostRow], Field(min_length=3, max_length=3)]
@@ -56,6 +65,16 @@ class PlannerFile(FileModel):
     forbidden_lanes: list[int] = Field(default_factory=list)
     lateral_gain_k1_ps2: NonNegative = 3.0
     lateral_gain_k2_ps: NonNegative = 1.0
+    account_pruned: bool = False
+    occupancy: Literal["target", "swept"] = "target"
+    lane_change_time_s: Positive = 4.0
+    distance_rule: Literal["fixed", "time_headway", "rss"] = "fixed"
+    time_headway_s: NonNegative = 1.5
+    rss_response_time_s: NonNegative = 0.5
+    rss_accel_max_mps2: NonNegative = 2.0
+    rss_brake_min_mps2: Positive = 4.0
+    rss_brake_max_mps2: Positive = 8.0
+    stopping: bool = False
 
     def settings(self) -> PlannerSettings:
         """Return the settings as the planner uses them."""
@@ -82,6 +101,15 @@ class PlannerFile(FileModel):
                 terminal_weight=self.terminal_weight,
             ),
             gains=LateralGains(self.lateral_gain_k1_ps2, self.lateral_gain_k2_ps),
+            account_pruned=self.account_pruned,
+            occupancy=Occupancy(self.occupancy),
+            lane_change_time=self.lane_change_time_s,
+            distance_rule=DistanceRule(self.distance_rule),
+            time_headway=self.time_headway_s,
+            rss=RssParameters(
+                self.rss_response_time_s, self.rss_accel_max_mps2, self.rss_brake_min_mps2, self.rss_brake_max_mps2
+            ),
+            stopping=self.stopping,
         )
 
 
@@ -109,10 +137,29 @@ class LongitudinalFile(FileModel):
         return self.decelerate, self.cruise, self.accelerate
 
 
+LATERAL_KEYS = ("left", "keep", "right")
+
+
+def _lateral_form(value: Any) -> str:  # noqa: ANN401 - anything may stand in a file
+    """Tell a table for every lane from one table a lane, also where it has mistakes."""
+    if isinstance(value, Mapping):
+        rows = any(isinstance(row, (Mapping, LateralFile)) for row in value.values())
+        one_for_all = not {*LATERAL_KEYS}.isdisjoint(value) or (len(value) > 0 and not rows)
+    else:
+        one_for_all = isinstance(value, LateralFile)
+    return "one" if one_for_all else "by_lane"
+
+
+LateralTables = Annotated[
+    Annotated[LateralFile, Tag("one")] | Annotated[dict[str, LateralFile], Tag("by_lane")],
+    Discriminator(_lateral_form),
+]
+
+
 class PolicyFile(FileModel):
     """The policy keys of a vehicle: one lateral table for every lane, or one per lane keyed by its number."""
 
-    lateral_probs: dict[str, LateralFile] | LateralFile
+    lateral_probs: LateralTables
     longitudinal_probs: LongitudinalFile
 
     def policy(self, lane_count: int) -> Policy:
@@ -213,26 +260,37 @@ class _Raw:
 
     def number(self, *path: str | int) -> float | None:
         value = self.get(*path)
-        return value if isinstance(value, (int, float)) and not isinstance(value, bool) else None
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            return None
+        try:
+            return float(value) if math.isfinite(value) else None
+        except OverflowError:
+            return None
 
     def integer(self, *path: str | int) -> int | None:
         value = self.get(*path)
         return value if isinstance(value, int) and not isinstance(value, bool) else None
 
 
-def parse_problem(content: Any, source: str = "") -> DecisionProblem:  # noqa: ANN401 - anything may stand in a file
+def parse_problem(
+    content: Any,  # noqa: ANN401 - anything may stand in a file
+    source: str = "",
+    known: Iterable[Problem] = (),
+) -> DecisionProblem:
     """Check what was read from a file and return the problem.
 
     Args:
         content: a decoded JSON document: a problem, or an object with a `problem`.
         source: the file's name, for the messages.
+        known: mistakes that reading it has found already.
 
     Raises:
         InputError: with every mistake and its path.
     """
+    problems = list(known)
     if isinstance(content, Mapping) and "problem" in content:
         content = content["problem"]
-    problems: list[Problem] = []
+        problems = [Problem(p.path.removeprefix("problem."), p.message) for p in problems]
     parsed: ProblemFile | None = None
     try:
         parsed = parse(ProblemFile, content)
@@ -302,8 +360,8 @@ def table_checks(vehicle: Any, path: str, lane_count: int | None) -> Iterator[Pr
     raw = _Raw(vehicle)
     lateral = raw.get("lateral_probs")
     if isinstance(lateral, Mapping):
-        if {"left", "keep", "right"} & set(lateral):
-            yield from _sum_check(lateral, f"{path}.lateral_probs", ("left", "keep", "right"))
+        if _lateral_form(lateral) == "one":
+            yield from _sum_check(lateral, f"{path}.lateral_probs", LATERAL_KEYS)
         else:
             for lane, row in lateral.items():
                 if lane_count is not None and lane not in {str(n) for n in range(1, lane_count + 1)}:
@@ -311,7 +369,7 @@ def table_checks(vehicle: Any, path: str, lane_count: int | None) -> Iterator[Pr
                         f"{path}.lateral_probs.{lane}",
                         f"must be keyed by a lane 1..{lane_count}, got {shown(lane)}",
                     )
-                yield from _sum_check(row, f"{path}.lateral_probs.{lane}", ("left", "keep", "right"))
+                yield from _sum_check(row, f"{path}.lateral_probs.{lane}", LATERAL_KEYS)
             missing = [str(n) for n in range(1, (lane_count or 0) + 1) if str(n) not in lateral]
             if missing:
                 yield Problem(f"{path}.lateral_probs", f"must have a table for every lane; add {', '.join(missing)}")
@@ -356,13 +414,8 @@ def read_problem(path: Path) -> DecisionProblem:
     Raises:
         InputError: if the file cannot be read, is not JSON or holds mistakes; all of them are listed.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError([f"cannot be read: {error.strerror}. Check the path and its permissions"], str(path)) from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError([f"must be JSON in UTF-8: {error}"], str(path)) from None
-    return parse_problem(content, str(path))
+    document = read_json(path)
+    return parse_problem(document.content, str(path), document.problems)
 
 
 def problem_document(problem: DecisionProblem) -> dict[str, Any]:
@@ -391,6 +444,16 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
             "forbidden_lanes": sorted(settings.forbidden_lanes),
             "lateral_gain_k1_ps2": settings.gains.k1,
             "lateral_gain_k2_ps": settings.gains.k2,
+            "account_pruned": settings.account_pruned,
+            "occupancy": str(settings.occupancy),
+            "lane_change_time_s": settings.lane_change_time,
+            "distance_rule": str(settings.distance_rule),
+            "time_headway_s": settings.time_headway,
+            "rss_response_time_s": settings.rss.response_time,
+            "rss_accel_max_mps2": settings.rss.accel_max,
+            "rss_brake_min_mps2": settings.rss.brake_min,
+            "rss_brake_max_mps2": settings.rss.brake_max,
+            "stopping": settings.stopping,
         },
         "ego": _state_document(problem.ego),
         "vehicles": [_vehicle_document(vehicle) for vehicle in problem.vehicles],

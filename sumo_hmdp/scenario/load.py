@@ -4,10 +4,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
-import yaml
-
+from sumo_hmdp.documents import read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState, Mode
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
@@ -17,7 +16,7 @@ from sumo_hmdp.hmdp.policy import ScheduledPolicy, dead_end
 from sumo_hmdp.planning.decide import SOLVERS
 from sumo_hmdp.planning.planner import Belief
 from sumo_hmdp.planning.problem_file import dead_end_problem, planner_checks, table_checks
-from sumo_hmdp.planning.registry import PlannerContext, planner_kind
+from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind
 from sumo_hmdp.scenario.schema import (
     ConstantSpeedFile,
     IdmFile,
@@ -26,10 +25,11 @@ from sumo_hmdp.scenario.schema import (
     VehicleFile,
 )
 from sumo_hmdp.sim.episode import Driver, EpisodeSettings
-from sumo_hmdp.sim.world_checks import WorldSettings
+from sumo_hmdp.sim.sumo_input import read_network
+from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
-from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
-from sumo_hmdp.validation import nearest, parse
+from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn, spawn_problems
+from sumo_hmdp.validation import FileModel, nearest, parse
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 
 
@@ -102,27 +102,10 @@ def find_scenario(name_or_path: str) -> Path:
     known = scenario_names()
     if name_or_path in known:
         return known[name_or_path]
+    if path.exists():
+        raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
     raise InputError([f"must be a scenario file or name, got {name_or_path!r} (no such file); {remedy}"])
-
-
-def read_yaml(path: Path) -> Any:  # noqa: ANN401 - anything may stand in a file
-    """Read a YAML file.
-
-    Raises:
-        InputError: if it cannot be read or parsed, with the line.
-    """
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError([f"cannot be read: {error.strerror}. Check the path and its permissions"], str(path)) from None
-    except UnicodeDecodeError as error:
-        raise InputError([f"must be UTF-8 text: {error.reason} at byte {error.start}"], str(path)) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        what = getattr(error, "problem", None) or "syntax error"
-        raise InputError([f"must be YAML: {what}{where}"], str(path)) from None
 
 
 def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
@@ -136,8 +119,9 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
         InputError: with every mistake and its path.
     """
     options = options or RunOptions()
-    content = read_yaml(path)
-    problems: list[Problem] = []
+    document = read_yaml(path)
+    content = document.content
+    problems = list(document.problems)
     scenario: ScenarioFile | None = None
     try:
         scenario = parse(ScenarioFile, content)
@@ -149,14 +133,18 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
         name, parameters = _planner_parameters(raw, options)
     except InputError as error:
         problems.extend(error.problems)
-    problems.extend(_cross_checks(raw))
+    problems.extend(_cross_checks(raw, path.parent))
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
     problems.extend(_dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(_time_checks(scenario, getattr(parameters, "period_s", scenario.dt_s)))
+    problems.extend(_time_checks(scenario, name, getattr(parameters, "period_s", scenario.dt_s)))
     if problems:
         raise InputError(problems, str(path))
-    return _assemble(scenario, name, parameters, options)
+    ready = _assemble(scenario, name, parameters, options, _network_path(scenario.network, path.parent))
+    problems.extend(_start_checks(ready))
+    if problems:
+        raise InputError(problems, str(path))
+    return ready
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:
@@ -164,69 +152,90 @@ def _unique(problems: list[Problem]) -> list[Problem]:
 
 
 def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[str, Any]:
-    """Return the planner's name and its checked parameters."""
-    name = options.planner or raw.get("planner")
-    if options.solver not in SOLVERS:
-        raise InputError(
-            [
-                Problem(
-                    "--solver",
-                    f"must be a known solver, got {options.solver!r}; {nearest(options.solver, SOLVERS)}",
-                )
-            ]
-        )
-    if not isinstance(name, str):
-        raise InputError([])
-    kind = planner_kind(name, "--planner" if options.planner else "planner")
-    sections = raw.get("planners")
-    section = (
-        dict(sections.get(name) or {})
-        if isinstance(sections, Mapping) and isinstance(sections.get(name), Mapping)
-        else {}
-    )
-    if options.risk_level is not None:
-        if "risk_level" not in kind.parameters.model_fields:
-            raise InputError([Problem("--epsilon", f"must go with a planner that has a risk level, got {name!r}")])
-        section["risk_level"] = options.risk_level
+    """Return the planner's name and its checked parameters; the sections of other planners are checked too."""
     problems: list[Problem] = []
-    parameters = None
+    if options.solver not in SOLVERS:
+        remedy = nearest(options.solver, SOLVERS)
+        problems.append(Problem("--solver", f"must be a known solver, got {options.solver!r}; {remedy}"))
+    chosen = options.planner or raw.get("planner")
+    sections = raw.get("planners")
+    sections = sections if isinstance(sections, Mapping) else {}
+    parameters: Any = None
+    for name in dict.fromkeys([chosen, *sections]):
+        section = sections.get(name)
+        if not isinstance(name, str) or not isinstance(section, Mapping | None):
+            continue
+        try:
+            if name == chosen:
+                kind = planner_kind(name, "--planner" if options.planner else "planner")
+                parameters = _section(kind, section, options.risk_level, _lane_count(raw))
+            else:
+                _section(planner_kind(name, f"planners.{name}"), section, None, _lane_count(raw))
+        except InputError as error:
+            problems.extend(error.problems)
+    if problems or not isinstance(chosen, str):
+        raise InputError(problems)
+    return chosen, parameters
+
+
+def _section(
+    kind: PlannerKind, section: Mapping[str, Any] | None, risk_level: float | None, lane_count: int | None
+) -> FileModel:
+    """Check what a scenario holds for one planner; None where it holds nothing."""
+    path, values = f"planners.{kind.name}", dict(section or {})
+    fields = kind.parameters.model_fields
+    if risk_level is not None:
+        if "risk_level" not in fields:
+            message = f"must go with a planner that has a risk level, got {kind.name!r}; leave it out"
+            raise InputError([Problem("--epsilon", message)])
+        values["risk_level"] = risk_level
+    required = [name for name, field in fields.items() if field.is_required() and name not in values]
+    if section is None and required:
+        raise InputError([Problem(path, f"is missing; add it with {', '.join(required)}")])
+    problems: list[Problem] = []
     try:
-        parameters = parse(kind.parameters, section)
+        parameters = parse(kind.parameters, values)
     except InputError as error:
-        problems.extend(Problem(f"planners.{name}.{p.path}", p.message) for p in error.problems)
-    problems.extend(planner_checks(section, f"planners.{name}"))
-    problems.extend(_planner_lanes(section, f"planners.{name}", _lane_count(raw)))
+        for problem in error.problems:
+            option = risk_level is not None and problem.path == "risk_level"
+            problems.append(Problem("--epsilon" if option else f"{path}.{problem.path}", problem.message))
+    problems.extend(planner_checks(values, path))
+    problems.extend(_planner_lanes(values, path, lane_count))
     if problems:
         raise InputError(problems)
-    return name, parameters
+    return parameters
 
 
 def _lane_count(raw: Mapping[str, Any]) -> int | None:
     lanes = raw.get("lanes")
     count = lanes.get("count") if isinstance(lanes, Mapping) else None
-    return count if isinstance(count, int) and not isinstance(count, bool) and count >= 1 else None
+    return count if _whole(count) and count >= 1 else None
+
+
+def _whole(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _planner_lanes(section: Mapping[str, Any], path: str, count: int | None) -> Iterator[Problem]:
     if count is None:
         return
     goal = section.get("goal_lane")
-    if isinstance(goal, int) and not 1 <= goal <= count:
+    if _whole(goal) and not 1 <= goal <= count:
         yield Problem(f"{path}.goal_lane", f"must be 1..{count}, got {goal}")
     forbidden = section.get("forbidden_lanes")
     if isinstance(forbidden, list):
         for index, lane in enumerate(forbidden):
-            if isinstance(lane, int) and not 1 <= lane <= count:
+            if _whole(lane) and not 1 <= lane <= count:
                 yield Problem(f"{path}.forbidden_lanes[{index}]", f"must be 1..{count}, got {lane}")
-        if set(range(1, count + 1)) <= {lane for lane in forbidden if isinstance(lane, int)}:
+        if set(range(1, count + 1)) <= {lane for lane in forbidden if _whole(lane)}:
             yield Problem(f"{path}.forbidden_lanes", "must leave the ego at least one lane; take one out")
 
 
-def _cross_checks(raw: Mapping[str, Any]) -> Iterator[Problem]:
+def _cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     count = _lane_count(raw)
     network = raw.get("network")
-    if isinstance(network, str) and not _network_path(network).is_file():
+    if isinstance(network, str) and not _network_path(network, folder).is_file():
         known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
         yield Problem(
             "network",
@@ -240,7 +249,7 @@ def _cross_checks(raw: Mapping[str, Any]) -> Iterator[Problem]:
     seen: set[str] = {EGO_ID}
     for path, holder in holders:
         lane = holder.get("lane")
-        if count is not None and isinstance(lane, int) and not 1 <= lane <= count:
+        if count is not None and _whole(lane) and not 1 <= lane <= count:
             yield Problem(f"{path}.lane", f"must be 1..{count}, got {lane}")
         vehicle_id = holder.get("id")
         if isinstance(vehicle_id, str):
@@ -263,19 +272,48 @@ def _dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
                     break
 
 
-def _time_checks(scenario: ScenarioFile, period: float) -> Iterator[Problem]:
-    for path, value in (("duration_s", scenario.duration_s), ("period_s", period)):
+def _time_checks(scenario: ScenarioFile, planner: str, period: float) -> Iterator[Problem]:
+    for path, value in (("duration_s", scenario.duration_s), (f"planners.{planner}.period_s", period)):
         ratio = value / scenario.dt_s
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6:
             yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
 
 
-def _network_path(network: str) -> Path:
+def _start_checks(ready: ReadyRun) -> Iterator[Problem]:
+    """Check that road and network agree, and that everybody starts on the road and in nobody else."""
+    where = {"ego": "ego.x_m", "dt": "dt_s", "lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "vehicles"}
+    for index, spawn in enumerate(ready.spawns):
+        where[f"vehicle {spawn.id}"] = f"vehicles[{index}].x_m"
+        where[f"vehicles[{index}].desired_speed"] = f"vehicles[{index}].driver.desired_speed_mps"
+    world, ego = ready.world, ready.episode.ego
+    try:
+        problems = [
+            *world_problems(world, ego, ()),
+            *spawn_problems(ready.spawns, world.road, "vehicles"),
+            *start_problems(read_network(world.net_file, world.road), ego, ready.spawns, world.dt),
+        ]
+    except InputError as error:
+        where[""] = "network"
+        problems = list(error.problems)
+    for problem in problems:
+        yield Problem(where.get(problem.path, problem.path), problem.message)
+
+
+def _network_path(network: str, folder: Path) -> Path:
+    """Return a network's file: one of the package by its name, or a path, first from the scenario's folder."""
     packaged = data_folder("networks") / f"{network}.net.xml"
-    return packaged if packaged.is_file() else Path(network)
+    if packaged.is_file():
+        return packaged
+    return folder / network if (folder / network).is_file() else Path(network)
 
 
-def _assemble(scenario: ScenarioFile, name: str, parameters: Any, options: RunOptions) -> ReadyRun:  # noqa: ANN401
+def _assemble(
+    scenario: ScenarioFile,
+    name: str,
+    parameters: Any,  # noqa: ANN401 - each planner's own
+    options: RunOptions,
+    network: Path,
+) -> ReadyRun:
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     bicycle = BicycleParameters()
     ego = VehicleState(
@@ -312,7 +350,7 @@ def _assemble(scenario: ScenarioFile, name: str, parameters: Any, options: RunOp
             lane_change_time=scenario.ego.lane_change_time_s,
             drivers=drivers,
         ),
-        world=WorldSettings(_network_path(scenario.network), road, scenario.dt_s, options.seed),
+        world=WorldSettings(network, road, scenario.dt_s, options.seed),
         spawns=tuple(_spawn(vehicle) for vehicle in scenario.vehicles),
         planner=planner_kind(name, "planner").build(parameters, context),
         parameters=parameters.model_dump(),

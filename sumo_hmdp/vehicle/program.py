@@ -1,7 +1,8 @@
 """The quadratic program of the tracking MPC, with fixed sparsity and a solver without memory.
 
-Unknowns, for the steps k = 0..N-1: the inputs u[k] and the states z[k+1] of `linearization.py`, each divided by
-its unit, the deviation that costs one. Objective: the sum of duration * (unknown - target)^2 / 2. Rows, first the dynamics, then the bounds:
+Unknowns, for the steps k = 0..N-1: the inputs u[k] and the states z[k+1] of `linearization.py`, each divided by its
+unit, which is the deviation that costs one a second. Objective: the sum of duration * (unknown - target)^2 / 2.
+Rows, first the dynamics, then the bounds:
 
     -B[k] u[k] - A[k] z[k] + z[k+1] = c[k]                                     (6 rows a step; z[0] is known)
     lower[k] <= (jerk, steering_rate, speed, steering_angle, accel) <= upper[k]    (5 rows a step)

@@ -161,7 +161,7 @@ class TrackingMpc:
         steps = transitions((points[:-1] + points[1:]) / 2, self.parameters, self._durations)
         solution = self._program.solve(steps, now, targets[1:], self._bounds(state), warm_start)
         if solution.solved:
-            controls = Controls(float(solution.inputs[0, 0]), float(solution.inputs[0, 1]))
+            controls = _clipped(solution.inputs[0, 0], solution.inputs[0, 1], self.parameters)
         else:
             controls = safe_controls(
                 state, float(targets[1, ACCEL]), float(targets[1, STEERING]), self.parameters, self.dt
@@ -208,9 +208,14 @@ def safe_controls(
     Returns:
         The controls that come closest to these values within the limits.
     """
-    target = np.clip(accel, -parameters.max_decel, 0.0)
-    jerk = np.clip((target - state.accel) / dt, -parameters.max_jerk, parameters.max_jerk)
-    angle = np.clip(steering_angle, -parameters.max_steering_angle, parameters.max_steering_angle)
-    max_rate = parameters.max_steering_rate
-    rate = np.clip((angle - state.steering_angle) / dt, -max_rate, max_rate)
-    return Controls(float(jerk), float(rate))
+    target = min(max(accel, -parameters.max_decel), 0.0)
+    angle = min(max(steering_angle, -parameters.max_steering_angle), parameters.max_steering_angle)
+    return _clipped((target - state.accel) / dt, (angle - state.steering_angle) / dt, parameters)
+
+
+def _clipped(jerk: float, steering_rate: float, parameters: BicycleParameters) -> Controls:
+    """Return the controls within their limits, which the solver keeps up to its tolerance."""
+    return Controls(
+        jerk=float(np.clip(jerk, -parameters.max_jerk, parameters.max_jerk)),
+        steering_rate=float(np.clip(steering_rate, -parameters.max_steering_rate, parameters.max_steering_rate)),
+    )

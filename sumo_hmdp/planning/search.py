@@ -1,0 +1,172 @@
+"""The second exact solver: all longitudinal sequences at once, lanes and windows by dynamic programming.
+
+Sequences of modes are kept as a tree, one array row a prefix. For every prefix the best way to each window of the
+present step is kept; a step extends every prefix by each admissible mode and every window by each allowed move.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.hmdp.branches import IntArray
+from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors, Stage
+from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
+from sumo_hmdp.planning.lattice import EgoLattice
+from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+
+_MODES = np.array([-1, 0, 1])
+
+
+@dataclass(frozen=True)
+class ModeTree:
+    """All admissible sequences of modes up to one step, P prefixes.
+
+    Attributes:
+        parent: (P,) prefix one step before.
+        mode: (P,) mode of the last step.
+        level: (P,) speed level n.
+        phase: (P,) phase of that level.
+        point: (P,) position in lattice units ahead of cruising.
+        speed: (P,) [m/s].
+    """
+
+    parent: IntArray
+    mode: IntArray
+    level: IntArray
+    phase: IntArray
+    point: FloatArray
+    speed: FloatArray
+
+
+def mode_tree(lattice: EgoLattice, start_mode: Mode) -> list[ModeTree]:
+    """Return the sequences of modes that keep the speed limits, step by step; the root comes first."""
+    zero = np.zeros(1, dtype=np.int64)
+    root = ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1), np.array([lattice.speed]))
+    steps = [root]
+    for _ in range(lattice.steps):
+        steps.append(_extend(lattice, steps[-1]))
+    return steps
+
+
+def _extend(lattice: EgoLattice, before: ModeTree) -> ModeTree:
+    """Extend every prefix by each mode at most one level away (docs/formulation.md, eq. 11)."""
+    parent, choice = np.nonzero(np.abs(before.mode[:, None] - _MODES) <= 1)
+    mode = _MODES[choice]
+    level = before.level[parent] + mode
+    phase = before.phase[parent]
+    point = before.point[parent] + 2 * (before.level[parent] - phase * lattice.rest_share) + mode
+    if lattice.stopping:
+        speed = _speeds(lattice, level, phase)
+        rests = (mode < 0) & (speed < -SPEED_TOLERANCE)
+        rolls = (phase == 0) & (lattice.rest_share > 0)
+        rest_point = before.point[parent] + rolls * lattice.rest_share**2 - 2 * lattice.speed / lattice.speed_step
+        point = np.where(rests, rest_point, point)
+        level = np.where(rests, -lattice.levels_to_rest, level)
+        phase = np.where(rests & (lattice.rest_share > 0), 1, phase)
+    speed = _speeds(lattice, level, phase)
+    keep = (speed >= lattice.speed_min - SPEED_TOLERANCE) & (speed <= lattice.speed_max + SPEED_TOLERANCE)
+    return ModeTree(parent[keep], mode[keep], level[keep], phase[keep], point[keep], speed[keep])
+
+
+def _speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray:
+    """Return the speeds of levels and phases [m/s]."""
+    whole = lattice.speed_step * (lattice.levels_to_rest + level)
+    return np.where(phase == 1, whole, lattice.speed + lattice.speed_step * level)
+
+
+def search_best(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
+    """Return the cheapest sequence of maneuvers inside the corridors, None where there is none."""
+    tree = mode_tree(lattice, problem.ego.mode)
+    allowed = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]
+    return _cheapest(problem, lattice, corridors, tree, allowed)
+
+
+def search_relaxed(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
+    """Return the sequence with the least total violation and, among those, the least cost; None where contact is sure.
+
+    Args:
+        problem: the decision problem.
+        lattice: of its ego.
+        corridors: carved with contact distances; the safe distances are their soft ends.
+    """
+    tree = mode_tree(lattice, problem.ego.mode)
+    shortfall = []
+    for stage, prefixes in zip(corridors.stages, tree[1:], strict=True):
+        point = prefixes.point[:, None]
+        missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(point - stage.soft_high, 0.0)
+        shortfall.append(np.where(_inside(stage, prefixes, corridors), missing, np.inf))
+    to_here = [np.zeros((1, 1))]
+    for stage, prefixes, missing in zip(corridors.stages, tree[1:], shortfall, strict=True):
+        arrive = np.where(stage.moves, 0.0, np.inf)
+        to_here.append((to_here[-1][prefixes.parent][:, :, None] + arrive).min(axis=1, initial=np.inf) + missing)
+    least = to_here[-1].min(initial=np.inf)
+    if not np.isfinite(least):
+        return None
+    slack = DISTANCE_TOLERANCE / lattice.unit
+    onward = [np.zeros_like(to_here[-1])]
+    for k in range(lattice.steps - 1, 0, -1):
+        stage, prefixes = corridors.stages[k], tree[k + 1]
+        leave = np.where(stage.moves, 0.0, np.inf)
+        best = (leave[None] + (shortfall[k] + onward[0])[:, None, :]).min(axis=2, initial=np.inf)
+        ahead = np.full(to_here[k].shape, np.inf)
+        np.minimum.at(ahead, prefixes.parent, best)
+        onward.insert(0, ahead)
+    # A window is on a least-violation path if what leads to it and what follows add up to no more than the least.
+    allowed = [here + after <= least + slack for here, after in zip(to_here[1:], onward, strict=True)]
+    return _cheapest(problem, lattice, corridors, tree, allowed)
+
+
+def _inside(stage: Stage, prefixes: ModeTree, corridors: Corridors) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Tell which windows each prefix is inside of, (P, N)."""
+    point = prefixes.point[:, None]
+    inside = (point >= stage.low - UNIT_TOLERANCE) & (point <= stage.high + UNIT_TOLERANCE)
+    if corridors.levelled:
+        inside &= (prefixes.level[:, None] == stage.level) & (prefixes.phase[:, None] == stage.phase)
+    return inside
+
+
+def _cheapest(
+    problem: DecisionProblem,
+    lattice: EgoLattice,
+    corridors: Corridors,
+    tree: list[ModeTree],
+    allowed: list[np.ndarray[tuple[int, ...], np.dtype[np.bool_]]],
+) -> ManeuverSequence | None:
+    """Return the cheapest sequence that only uses allowed windows."""
+    preferences = problem.settings.preferences
+    cost = np.zeros((1, 1))
+    came_from: list[IntArray] = []
+    lanes_before = np.array([problem.ego.lane])
+    for stage, prefixes, usable in zip(corridors.stages, tree[1:], allowed, strict=True):
+        if not len(stage.lane) or not len(prefixes.mode):
+            return None
+        lateral = stage.lane - lanes_before[:, None]
+        step_cost = np.full((3, *lateral.shape), np.inf)
+        for mode in (-1, 0, 1):
+            for action in Lateral:
+                step_cost[mode + 1][stage.moves & (lateral == action)] = preferences.maneuver(mode, action)
+        way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
+        came_from.append(way.argmin(axis=1))
+        places = np.array([lane_cost(preferences, int(lane)) for lane in stage.lane])
+        speeds = speed_cost(preferences, prefixes.speed)
+        cost = np.where(usable, way.min(axis=1) + places + speeds[:, None], np.inf)
+        lanes_before = stage.lane
+    last, leaves = corridors.stages[-1], tree[-1]
+    if preferences.terminal_weight:
+        table = preferences.terminal_weight * terminal_table(preferences, lattice, problem.road.lane_count)
+        end = table[:, leaves.level + lattice.steps, leaves.phase, leaves.mode + 1]
+        cost = cost + end[last.lane - 1].T
+    prefix, window = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
+    if not np.isfinite(cost[prefix, window]):
+        return None
+    modes, windows = [], []
+    for k in range(lattice.steps, 0, -1):
+        modes.append(Mode(int(tree[k].mode[prefix])))
+        windows.append(window)
+        prefix, window = int(tree[k].parent[prefix]), int(came_from[k - 1][prefix, window])
+    lanes = [problem.ego.lane, *(int(s.lane[w]) for s, w in zip(corridors.stages, reversed(windows), strict=True))]
+    laterals = tuple(Lateral(b - a) for a, b in pairwise(lanes))
+    return ManeuverSequence(laterals, tuple(reversed(modes)))
