@@ -1,33 +1,26 @@
 """The command line: `sumo-hmdp decide | run | check | list`."""
+# ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import json
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from sumo_hmdp.errors import InputError, SumoHmdpError
-from sumo_hmdp.planning.decide import SOLVERS, answer
-from sumo_hmdp.planning.problem_file import answer_document, read_problem
-from sumo_hmdp.planning.registry import planner_kinds
-from sumo_hmdp.report.replay import write_replay
-from sumo_hmdp.scenario.load import (
-    ReadyRun,
-    RunOptions,
-    find_scenario,
-    load_scenario,
-    read_yaml,
-    scenario_names,
-)
-from sumo_hmdp.sim.episode import Moment
-from sumo_hmdp.study.record import RunStatus, Trace
-from sumo_hmdp.study.run import RunRecord, execute, save
-from sumo_hmdp.study.store import writable_folder
 from sumo_hmdp.validation import nearest
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sumo_hmdp.scenario.load import ReadyRun
+    from sumo_hmdp.study.run import RunRecord
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 
@@ -36,8 +29,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="Co-simulation studies of hybrid-MDP, chance-constrained driving decisions in SUMO.",
+    epilog="Start with `sumo-hmdp run case2`, then open the page that it names.",
 )
-out, err = Console(), Console(stderr=True)
 
 
 def main() -> None:
@@ -48,16 +41,42 @@ def main() -> None:
         _complain(error)
         sys.exit(BAD_INPUT)
     except SumoHmdpError as error:
-        err.print(f"error: {error}", style="red", markup=False, soft_wrap=True)
+        _say(f"error: {error}")
         sys.exit(FAILED)
 
 
 def _complain(error: InputError) -> None:
     for line in error.lines():
-        err.print(line, style="red", markup=False, highlight=False, soft_wrap=True)
+        _say(line)
 
 
-SolverOption = Annotated[str, typer.Option(help=f"How a decision is solved: {', '.join(SOLVERS)}.")]
+def _say(line: str) -> None:
+    """Write one line to standard error, red on a terminal."""
+    typer.secho(line, fg=typer.colors.RED, err=True)
+
+
+def _print(table: "Table") -> None:
+    from rich.console import Console
+
+    Console().print(table)
+
+
+def _show_version(wanted: bool) -> None:  # noqa: FBT001 - a callback of Typer
+    if wanted:
+        typer.echo(f"sumo-hmdp {version('sumo-hmdp')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    _version: Annotated[  # noqa: FBT002 - a flag of the command line
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Take the options that stand before a command."""
+
+
+SolverOption = Annotated[str, typer.Option(help="How a decision is solved; `sumo-hmdp list` names the solvers.")]
 
 
 @app.command()
@@ -72,6 +91,9 @@ def decide(
 
     Example: `sumo-hmdp decide results/decision_files/case2-hmdp_mpc-eps0.05-seed0/0010.json`
     """
+    from sumo_hmdp.planning.decide import SOLVERS, answer
+    from sumo_hmdp.planning.problem_file import answer_document, read_problem
+
     if solver not in SOLVERS:
         raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
     clean = True
@@ -96,7 +118,9 @@ def run(
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0, max=2**31 - 1)] = 0,
     epsilon: Annotated[float | None, typer.Option(help="Another risk level than the scenario's, in (0, 0.5].")] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Directory for tables, manifest and page.")] = Path("results"),
-    trace: Annotated[Trace, typer.Option(help="Which vehicles the `steps` table keeps.")] = Trace.ALL,
+    trace: Annotated[
+        Literal["none", "ego", "all"], typer.Option(help="Which vehicles the `steps` table keeps.")
+    ] = "all",
     dump_decisions: Annotated[  # noqa: FBT002 - a flag of the command line
         bool,
         typer.Option("--dump-decisions", help="Write every decision as a file that `decide` answers again."),
@@ -108,34 +132,56 @@ def run(
 
     Read it back with `import sumo_hmdp; results = sumo_hmdp.load("results")`.
     """
+    from sumo_hmdp.report.replay import write_replay
+    from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
+    from sumo_hmdp.study.record import RunStatus, Trace
+    from sumo_hmdp.study.run import save
+    from sumo_hmdp.study.store import page_path, traceback_path, writable_folder
+
     ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
     folder = writable_folder(out_dir)
     record = _execute_with_progress(ready)
-    save(record, folder, trace, dump_decisions=dump_decisions)
-    page = folder / f"{record.run_id}.html"
-    if len(record.steps):
-        write_replay(page, record.manifest, record.steps, record.decisions)
-    out.print(summary_table(record))
-    out.print(f"tables: {folder}    page: {page}", markup=False, highlight=False, soft_wrap=True)
+    shown = f"tables: {folder}"
+    with _writing():
+        save(record, folder, Trace(trace), dump_decisions=dump_decisions)
+        if len(record.steps):
+            page = page_path(folder, record.run_id)
+            write_replay(page, record.manifest, record.steps, record.decisions)
+            shown += f"    page: {page}"
+    _print(summary_table(record))
+    typer.echo(shown)
     if record.status is RunStatus.FAILED:
-        err.print(
-            f"the run failed: {record.reason}; the traceback is in {folder / 'failures' / (record.run_id + '.txt')}",
-            style="red", markup=False, soft_wrap=True,
-        )  # fmt: skip
+        _say(f"the run failed: {record.reason}; the traceback is in {traceback_path(folder, record.run_id)}")
         raise typer.Exit(FAILED)
     if record.status is RunStatus.INTERRUPTED:
-        err.print("interrupted; everything up to here was kept", style="yellow")
+        _say("interrupted; everything up to here was kept")
         raise typer.Exit(INTERRUPTED)
 
 
-def _execute_with_progress(ready: ReadyRun) -> RunRecord:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[now]}"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=err, transient=True) as progress:
+@contextmanager
+def _writing() -> Iterator[None]:
+    """Finish what is being written in spite of Ctrl-C; a disk that takes no more is an error in one line."""
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main else None
+    try:
+        yield
+    except OSError as error:
+        raise SumoHmdpError(f"the results cannot be written: {error}. Make room, or choose another --out") from error
+    finally:
+        if in_main:
+            signal.signal(signal.SIGINT, before)
+
+
+def _execute_with_progress(ready: "ReadyRun") -> "RunRecord":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from sumo_hmdp.sim.episode import Moment
+    from sumo_hmdp.study.run import execute
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"{ready.scenario} · {ready.planner_name}", total=ready.episode.steps, now="0.0 s")
 
         def on_moment(moment: Moment) -> None:
@@ -158,8 +204,10 @@ SUMMARY = (
 )
 
 
-def summary_table(record: RunRecord) -> Table:
+def summary_table(record: "RunRecord") -> "Table":
     """Return what a reader wants to know of a run first."""
+    from rich.table import Table
+
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False)
     if record.reason:
         table.add_row("why", record.reason)
@@ -167,9 +215,11 @@ def summary_table(record: RunRecord) -> Table:
         value = record.row[key]
         table.add_row(label, "none" if value is None else f"{value:.{digits}f} {unit}".rstrip())
     shares = ", ".join(
-        f"{name} {100 * (record.row[f'{name}_share'] or 0):.1f} %" for name in ("optimal", "relaxed", "fallback")
+        f"{name} {100 * share:.1f} %"
+        for name in ("optimal", "relaxed", "fallback")
+        if (share := record.row[f"{name}_share"]) is not None
     )
-    table.add_row("statuses", shares)
+    table.add_row("statuses", shares or "none")
     table.add_row("trace hash", record.row["trace_hash"][:16])
     return table
 
@@ -182,8 +232,11 @@ def check(
 ) -> None:
     """Validate files without running them; one line per mistake, exit code 2 if there is any.
 
-    Example: `sumo-hmdp check my_scenario.yaml`
+    Example: `sumo-hmdp check my_scenario.yaml results/decision_files/*/*.json`
     """
+    from sumo_hmdp.planning.problem_file import read_problem
+    from sumo_hmdp.scenario.load import find_scenario, load_scenario
+
     clean = True
     for name in files:
         try:
@@ -195,20 +248,31 @@ def check(
             _complain(error)
             clean = False
         else:
-            out.print(f"{name}: ok", markup=False, highlight=False)
+            typer.echo(f"{name}: ok")
     if not clean:
         raise typer.Exit(BAD_INPUT)
 
 
 @app.command(name="list")
 def list_all() -> None:
-    """List the scenarios that come with the package, and the planners."""
+    """List the scenarios that come with the package, the planners and the solvers.
+
+    Example: `sumo-hmdp list`
+    """
+    from rich.table import Table
+
+    from sumo_hmdp.documents import read_yaml
+    from sumo_hmdp.planning.decide import SOLVERS
+    from sumo_hmdp.planning.registry import planner_kinds
+    from sumo_hmdp.scenario.load import scenario_names
+
     scenarios = Table("scenario", "planner", "what it is", title="scenarios")
     for name, path in scenario_names().items():
-        content = read_yaml(path)
+        content = read_yaml(path).content
         scenarios.add_row(name, content["planner"], " ".join(content["description"].split()))
     planners = Table("planner", "what it does", title="planners")
     for name, kind in sorted(planner_kinds().items()):
         planners.add_row(name, kind.summary)
-    out.print(scenarios)
-    out.print(planners)
+    _print(scenarios)
+    _print(planners)
+    typer.echo(f"solvers: {', '.join(SOLVERS)}")

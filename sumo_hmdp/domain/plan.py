@@ -14,11 +14,13 @@ class Status(StrEnum):
     OPTIMAL: the best plan that keeps every distance.
     RELAXED: none keeps them all; the plan with the least violation, then the least cost.
     FALLBACK: even the least violation means contact; brake in lane.
+    RULE: a rule's answer; there was no plan that could be best.
     """
 
     OPTIMAL = "optimal"
     RELAXED = "relaxed"
     FALLBACK = "fallback"
+    RULE = "rule"
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ class Decision:
         mode: the longitudinal mode taken.
         plan: the whole plan, empty where there is none.
         objective: cost of the plan, None where there is none.
-        violation: total violation of the distances by the plan [m], 0 when optimal, None for a fallback.
+        violation: total violation of the distances by the plan [m], 0 when optimal, None for a fallback or a rule.
         reason: why it is not optimal, empty when it is.
         solver: which solver answered.
         solve_time: wall-clock seconds spent [s]; never part of a trace hash.
@@ -117,6 +119,10 @@ class Decision:
         branch_count: how many branches were retained.
         branches: the likeliest of them, for display.
         forbidden: the forbidden intervals of the lanes.
+        stage_cost: cost of the step now taken, None where there is none.
+        objective_bound: what the stability theorem allows the objective to be at most, None where it says nothing.
+        shifted_feasible: whether the plan before, shifted by a step, is still feasible; None where there is none.
+        shifted_reason: why it is not, empty where it is.
         problem_json: the decision problem in its file form, None for planners that have none.
     """
 
@@ -135,6 +141,10 @@ class Decision:
     branch_count: int = 0
     branches: tuple[PredictedBranch, ...] = ()
     forbidden: tuple[ForbiddenInterval, ...] = ()
+    stage_cost: float | None = None
+    objective_bound: float | None = None
+    shifted_feasible: bool | None = None
+    shifted_reason: str = ""
     problem_json: str | None = None
 
 

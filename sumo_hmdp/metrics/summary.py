@@ -20,7 +20,8 @@ def gaps_to_ego(steps: pd.DataFrame) -> pd.DataFrame:
     """
     ego = steps[steps["vehicle_id"] == EGO_ID].set_index("time_s")
     others = steps[steps["vehicle_id"] != EGO_ID]
-    both = others.join(ego[["x_m", "y_m", "speed_mps", "length_m", "width_m"]], on="time_s", rsuffix="_ego")
+    columns = ["x_m", "y_m", "speed_mps", "length_m", "width_m"]
+    both = others.join(ego[columns].add_suffix("_ego"), on="time_s")
     overlap = (both["y_m"] - both["y_m_ego"]).abs() < (both["width_m"] + both["width_m_ego"]) / 2
     both = both[overlap]
     ahead = both["x_m"] >= both["x_m_ego"]
@@ -54,6 +55,12 @@ def run_metrics(steps: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
     changes = decisions[decisions["lateral"] != "keep"]
     solve_time = decisions["solve_time_ms"]
     count = len(decisions)
+    # A rule's decisions are neither optimal nor a departure from it.
+    statuses = decisions["status"][decisions["status"] != "rule"]
+    shares = {
+        f"{status}_share": float((statuses == status).mean()) if len(statuses) else None
+        for status in ("optimal", "relaxed", "fallback")
+    }
     return {
         "duration_s": float(ego["time_s"].iloc[-1]) if len(ego) else None,
         "distance_m": float(ego["x_m"].iloc[-1] - ego["x_m"].iloc[0]) if len(ego) else None,
@@ -63,9 +70,7 @@ def run_metrics(steps: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
         "lane_change_count": len(changes),
         "lane_change_first_s": float(changes["time_s"].iloc[0]) if len(changes) else None,
         "decision_count": count,
-        "optimal_share": float((decisions["status"] == "optimal").mean()) if count else None,
-        "relaxed_share": float((decisions["status"] == "relaxed").mean()) if count else None,
-        "fallback_share": float((decisions["status"] == "fallback").mean()) if count else None,
+        **shares,
         "violation_max_m": float(decisions["violation_m"].max()) if decisions["violation_m"].notna().any() else None,
         "solve_time_median_ms": float(solve_time.median()) if count else None,
         "solve_time_max_ms": float(solve_time.max()) if count else None,

@@ -36,7 +36,7 @@ class IdmMobilFile(FileModel):
     threshold_mps2: _NonNegative = 0.10
     safe_decel_mps2: _Positive = 3.0
     leader_range_m: _NonNegative = 95.0
-    forbidden_lanes: list[int] = []
+    forbidden_lanes: list[int] = Field(default_factory=list)
 
     def idm(self) -> Idm:
         """Return the car-following model."""
@@ -122,7 +122,7 @@ class IdmMobilPlanner:
         if step >= memory.free_from and self._ends_a_lateral_period(step):
             lateral = self.mobil.choose(scene, scene.ego, self.idm)
         if lateral is not Lateral.KEEP:
-            # A change of 8 s that floating point makes 53.0000001 steps is one of 53.
+            # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
             memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
         lane = scene.ego.lane + lateral
         ahead, _ = neighbours(scene, scene.ego, lane)

@@ -67,13 +67,11 @@ class Corridors:
         stages: one per step 1..H.
         states: the ego's lane states at the end of each step 0..H.
         levelled: whether windows hold for one speed level only.
-        forbidden: the merged blocks of each lane taken alone, for display; at the present speed where levelled.
     """
 
     stages: tuple[Stage, ...]
     states: tuple[tuple[LaneState, ...], ...]
     levelled: bool
-    forbidden: tuple[ForbiddenInterval, ...]
 
     @property
     def passable(self) -> bool:
@@ -142,7 +140,6 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         stages=tuple(stages),
         states=tuple(map(tuple, states)),
         levelled=levelled,
-        forbidden=_forbidden(problem, lattice, branches, distances, occupied),
     )
 
 
@@ -296,12 +293,20 @@ def _same_side(earlier: _Piece, later: _Piece) -> BoolArray:
     return allowed
 
 
-def _forbidden(
-    problem: DecisionProblem, lattice: EgoLattice, branches: Branches, distances: Clearances, occupied: BoolArray
+def forbidden_intervals(
+    problem: DecisionProblem, lattice: EgoLattice, branches: Branches, margin: FloatArray
 ) -> tuple[ForbiddenInterval, ...]:
-    """Return what is forbidden in each lane by itself at the present speed."""
+    """Return what is forbidden in each lane taken alone, at the ego's present speed; for display.
+
+    Args:
+        problem: the decision problem.
+        lattice: of its ego.
+        branches: of its vehicles.
+        margin: of the chance constraint, (B, H) [m].
+    """
+    occupied = occupied_lanes(problem, branches)
+    safe = safe_clearance(problem, branches, margin, problem.ego.speed)
     found = []
-    safe = distances.safe(problem.ego.speed)
     for k in range(problem.settings.horizon_steps):
         for lane in range(1, problem.road.lane_count + 1):
             rows = np.flatnonzero(occupied[:, k, lane - 1])

@@ -73,7 +73,10 @@ class Answer:
         mode: mode to take now.
         brake: deceleration of a fallback, a positive magnitude [m/s2]; None otherwise.
         plan: the steps, empty for a fallback.
+        sequence: the maneuvers of the plan, None for a fallback.
+        lattice: where the ego can be.
         branches: the prediction.
+        margin: of the chance constraint, (B, H) [m].
         corridors: the free windows that keep every distance.
         solver: its name.
         solve_time: wall-clock time of the whole answer [s].
@@ -87,7 +90,10 @@ class Answer:
     mode: Mode
     brake: float | None
     plan: tuple[PlanStep, ...]
+    sequence: ManeuverSequence | None
+    lattice: EgoLattice
     branches: Branches
+    margin: FloatArray
     corridors: Corridors
     solver: str
     solve_time: float
@@ -128,7 +134,10 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
             mode=Mode.DECELERATE,
             brake=brake,
             plan=(),
+            sequence=None,
+            lattice=lattice,
             branches=branches,
+            margin=margin,
             corridors=corridors,
             solver=solver.name,
             solve_time=time.perf_counter() - started,
@@ -148,7 +157,10 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
         mode=sequence.modes[0],
         brake=None,
         plan=plan,
+        sequence=sequence,
+        lattice=lattice,
         branches=branches,
+        margin=margin,
         corridors=corridors,
         solver=solver.name,
         solve_time=time.perf_counter() - started,

@@ -47,7 +47,7 @@ class Idm:
             vehicle: who follows.
             ahead: its leader, None on a free road.
         """
-        free = 1.0 - (vehicle.speed / self.desired_speed) ** self.exponent
+        free = 1.0 - math.pow(vehicle.speed / self.desired_speed, self.exponent)
         interaction = 0.0 if ahead is None else (self._wanted_gap(vehicle, ahead) / gap(vehicle, ahead)) ** 2
         return min(max(self.accel * (free - interaction), -self.decel_max), self.accel)
 

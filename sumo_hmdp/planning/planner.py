@@ -13,6 +13,8 @@ from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
+from sumo_hmdp.planning.audit import Audit, audit
+from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import MILP, Answer, SolverPair, answer
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
@@ -39,8 +41,21 @@ class Belief:
 
 
 @dataclass(frozen=True)
+class LastDecision:
+    """What the planner remembers: the decision before, for the audit. It does not change what is decided.
+
+    Attributes:
+        problem: the problem of one period ago.
+        answer: its answer.
+    """
+
+    problem: DecisionProblem
+    answer: Answer
+
+
+@dataclass(frozen=True)
 class HmdpPlanner:
-    """The hybrid-MDP planner; its memory is empty, since a scene tells it everything.
+    """The hybrid-MDP planner.
 
     Attributes:
         settings: horizon, distances, risk, cost.
@@ -63,10 +78,11 @@ class HmdpPlanner:
         """Time between two decisions [s]."""
         return self.settings.period
 
-    def initial_memory(self) -> None:
-        """Return None: nothing is remembered."""
+    def initial_memory(self) -> LastDecision | None:
+        """Return None: nothing was decided before."""
+        return None
 
-    def decide(self, scene: Scene, memory: None) -> tuple[Decision, None]:
+    def decide(self, scene: Scene, memory: LastDecision | None) -> tuple[Decision, LastDecision]:
         """Answer one scene; the ego's lane and mode in it are those it intends.
 
         Raises:
@@ -76,7 +92,10 @@ class HmdpPlanner:
         started = time.perf_counter()
         problem = self.problem(scene)
         result = answer(problem, self.solver)
-        return replace(to_decision(problem, result, scene.time), solve_time=time.perf_counter() - started), memory
+        solve_time = time.perf_counter() - started
+        checked = audit(problem, result, None if memory is None else (memory.problem, memory.answer))
+        decision = replace(to_decision(problem, result, checked, scene.time), solve_time=solve_time)
+        return decision, LastDecision(problem, result)
 
     def problem(self, scene: Scene) -> DecisionProblem:
         """Return the decision problem of a scene."""
@@ -94,7 +113,7 @@ class HmdpPlanner:
         return PredictedVehicle(state, belief.policy.at(now), belief.noise)
 
 
-def to_decision(problem: DecisionProblem, result: Answer, now: float) -> Decision:
+def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float) -> Decision:
     """Turn the answer to a problem into a decision with everything that is recorded of it."""
     accel = result.mode * problem.settings.accel if result.brake is None else -result.brake
     lane = problem.ego.lane + result.lateral
@@ -113,7 +132,11 @@ def to_decision(problem: DecisionProblem, result: Answer, now: float) -> Decisio
         pruned_prob=float(result.branches.pruned.max(initial=0.0)),
         branch_count=len(result.branches.vehicle),
         branches=shown_branches(problem, result.branches),
-        forbidden=result.corridors.forbidden,
+        forbidden=forbidden_intervals(problem, result.lattice, result.branches, result.margin),
+        stage_cost=checked.stage_cost,
+        objective_bound=checked.objective_bound,
+        shifted_feasible=checked.shifted_feasible,
+        shifted_reason=checked.shifted_reason,
         problem_json=json.dumps(problem_document(problem)),
     )
 

@@ -271,6 +271,10 @@ class _Raw:
         value = self.get(*path)
         return value if isinstance(value, int) and not isinstance(value, bool) else None
 
+    def lane_count(self) -> int | None:
+        count = self.integer("lanes", "count")
+        return count if count is not None and count >= 1 else None
+
 
 def parse_problem(
     content: Any,  # noqa: ANN401 - anything may stand in a file
@@ -316,12 +320,12 @@ def _cross_checks(raw: _Raw) -> Iterator[Problem]:
             if vehicle_id in ids or vehicle_id == EGO_ID:
                 yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {shown(vehicle_id)}")
             ids.add(vehicle_id)
-        yield from table_checks(raw.get("vehicles", index), path, raw.integer("lanes", "count"))
+        yield from table_checks(raw.get("vehicles", index), path, raw.lane_count())
 
 
 def _lane_checks(raw: _Raw) -> Iterator[Problem]:
-    count = raw.integer("lanes", "count")
-    if count is None or count < 1:
+    count = raw.lane_count()
+    if count is None:
         return
     places: list[tuple[str | int, ...]] = [("ego", "lane"), ("planner", "goal_lane")]
     places += [("vehicles", index, "lane") for index in range(_length(raw.get("vehicles")))]

@@ -7,6 +7,7 @@ from typing import Any
 
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.planning.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
 from sumo_hmdp.planning.decide import SOLVERS
 from sumo_hmdp.planning.planner import Belief, HmdpPlanner
 from sumo_hmdp.planning.problem_file import PlannerFile
@@ -74,7 +75,33 @@ def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlan
 HMDP_MPC = PlannerKind(
     "hmdp_mpc", "hybrid-MDP prediction, chance-constrained MILP over maneuvers", HmdpParameters, _build_hmdp
 )
-BUILT_IN = (HMDP_MPC,)
+
+
+def _build_idm_mobil(parameters: IdmMobilFile, context: PlannerContext) -> IdmMobilPlanner:
+    return IdmMobilPlanner(
+        dt=context.dt,
+        lane_change_time=context.lane_change_time,
+        lateral_period=parameters.lateral_period_s,
+        idm=parameters.idm(),
+        mobil=parameters.mobil(),
+    )
+
+
+IDM_MOBIL = PlannerKind(
+    "idm_mobil",
+    "the published rule-based baseline: IDM along the road, MOBIL across it",
+    IdmMobilFile,
+    _build_idm_mobil,
+)
+
+
+def _build_constant(parameters: ConstantFile, context: PlannerContext) -> ConstantPlanner:
+    del parameters
+    return ConstantPlanner(context.dt)
+
+
+CONSTANT = PlannerKind("constant", "keeps lane and speed, whatever happens", ConstantFile, _build_constant)
+BUILT_IN = (HMDP_MPC, IDM_MOBIL, CONSTANT)
 
 
 def planner_kinds() -> dict[str, PlannerKind]:

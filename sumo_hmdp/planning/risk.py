@@ -45,7 +45,7 @@ def tail_probabilities(branches: Branches, settings: PlannerSettings) -> FloatAr
     budgets = (settings.risk_level / vehicles - branches.pruned) / H
     _require_budgets(budgets, branches, settings)
     if settings.risk_allocation is RiskAllocation.UNIFORM:
-        return np.asarray(budgets[branches.vehicle])
+        return np.asarray(budgets[branches.vehicle], dtype=np.float64)
     tails = np.empty(len(branches.vehicle))
     for vehicle, budget in enumerate(budgets):
         rows = branches.vehicle == vehicle
@@ -72,7 +72,7 @@ def shared_tails(probability: FloatArray, budget: float) -> FloatArray:
     level = (budget - spent) / np.arange(len(caps), 0, -1)
     # The first k at which the level stays below the next cap is where the water stands.
     standing = level[np.flatnonzero(level <= caps)[0]]
-    return np.minimum(LARGEST_TAIL, standing / probability)
+    return np.asarray(np.minimum(LARGEST_TAIL, standing / probability), dtype=np.float64)
 
 
 def _require_budgets(budgets: FloatArray, branches: Branches, settings: PlannerSettings) -> None:

@@ -12,10 +12,12 @@ import numpy as np
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors, Stage
+from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, BoolArray, Corridors, Stage
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+
+FirstAction = tuple[Lateral, Mode]
 
 _MODES = np.array([-1, 0, 1])
 
@@ -77,27 +79,39 @@ def _speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray
     return np.where(phase == 1, whole, lattice.speed + lattice.speed_step * level)
 
 
-def search_best(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
-    """Return the cheapest sequence of maneuvers inside the corridors, None where there is none."""
+def search_best(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: FirstAction | None = None
+) -> ManeuverSequence | None:
+    """Return the cheapest sequence of maneuvers inside the corridors, None where there is none.
+
+    Args:
+        problem: the decision problem.
+        lattice: of its ego.
+        corridors: carved with safe distances.
+        first: lateral action and mode to begin with; None leaves them open.
+    """
     tree = mode_tree(lattice, problem.ego.mode)
-    allowed = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]
-    return _cheapest(problem, lattice, corridors, tree, allowed)
+    return _cheapest(problem, lattice, corridors, tree, _usable(problem, corridors, tree, first))
 
 
-def search_relaxed(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
+def search_relaxed(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: FirstAction | None = None
+) -> ManeuverSequence | None:
     """Return the sequence with the least total violation and, among those, the least cost; None where contact is sure.
 
     Args:
         problem: the decision problem.
         lattice: of its ego.
         corridors: carved with contact distances; the safe distances are their soft ends.
+        first: lateral action and mode to begin with; None leaves them open.
     """
     tree = mode_tree(lattice, problem.ego.mode)
     shortfall = []
-    for stage, prefixes in zip(corridors.stages, tree[1:], strict=True):
+    usable = _usable(problem, corridors, tree, first)
+    for stage, prefixes, inside in zip(corridors.stages, tree[1:], usable, strict=True):
         point = prefixes.point[:, None]
         missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(point - stage.soft_high, 0.0)
-        shortfall.append(np.where(_inside(stage, prefixes, corridors), missing, np.inf))
+        shortfall.append(np.where(inside, missing, np.inf))
     to_here = [np.zeros((1, 1))]
     for stage, prefixes, missing in zip(corridors.stages, tree[1:], shortfall, strict=True):
         arrive = np.where(stage.moves, 0.0, np.inf)
@@ -119,7 +133,18 @@ def search_relaxed(problem: DecisionProblem, lattice: EgoLattice, corridors: Cor
     return _cheapest(problem, lattice, corridors, tree, allowed)
 
 
-def _inside(stage: Stage, prefixes: ModeTree, corridors: Corridors) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def _usable(
+    problem: DecisionProblem, corridors: Corridors, tree: list[ModeTree], first: FirstAction | None
+) -> list[BoolArray]:
+    """Tell per step which windows each prefix may use: it is inside of them and begins as asked, (P, N) each."""
+    usable = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]
+    if first is not None:
+        lateral, mode = first
+        usable[0] &= (tree[1].mode == mode)[:, None] & (corridors.stages[0].lane == problem.ego.lane + lateral)
+    return usable
+
+
+def _inside(stage: Stage, prefixes: ModeTree, corridors: Corridors) -> BoolArray:
     """Tell which windows each prefix is inside of, (P, N)."""
     point = prefixes.point[:, None]
     inside = (point >= stage.low - UNIT_TOLERANCE) & (point <= stage.high + UNIT_TOLERANCE)
@@ -133,7 +158,7 @@ def _cheapest(
     lattice: EgoLattice,
     corridors: Corridors,
     tree: list[ModeTree],
-    allowed: list[np.ndarray[tuple[int, ...], np.dtype[np.bool_]]],
+    allowed: list[BoolArray],
 ) -> ManeuverSequence | None:
     """Return the cheapest sequence that only uses allowed windows."""
     preferences = problem.settings.preferences

@@ -16,7 +16,7 @@ from sumo_hmdp.hmdp.policy import ScheduledPolicy, dead_end
 from sumo_hmdp.planning.decide import SOLVERS
 from sumo_hmdp.planning.planner import Belief
 from sumo_hmdp.planning.problem_file import dead_end_problem, planner_checks, table_checks
-from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind
+from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.scenario.schema import (
     ConstantSpeedFile,
     IdmFile,
@@ -25,6 +25,7 @@ from sumo_hmdp.scenario.schema import (
     VehicleFile,
 )
 from sumo_hmdp.sim.episode import Driver, EpisodeSettings
+from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.sumo_input import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
@@ -137,7 +138,7 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
     problems.extend(_dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(_time_checks(scenario, name, getattr(parameters, "period_s", scenario.dt_s)))
+    problems.extend(_time_checks(scenario, name, parameters))
     if problems:
         raise InputError(problems, str(path))
     ready = _assemble(scenario, name, parameters, options, _network_path(scenario.network, path.parent))
@@ -173,9 +174,12 @@ def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[st
                 _section(planner_kind(name, f"planners.{name}"), section, None, _lane_count(raw))
         except InputError as error:
             problems.extend(error.problems)
-    if problems or not isinstance(chosen, str):
+    if "planners" not in raw or not set(sections) <= set(planner_kinds()):
+        # That its section is missing, or misspelt, is reported already.
+        problems = [problem for problem in problems if problem.path != f"planners.{chosen}"]
+    if parameters is None or problems:
         raise InputError(problems)
-    return chosen, parameters
+    return str(chosen), parameters
 
 
 def _section(
@@ -272,8 +276,10 @@ def _dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
                     break
 
 
-def _time_checks(scenario: ScenarioFile, planner: str, period: float) -> Iterator[Problem]:
-    for path, value in (("duration_s", scenario.duration_s), (f"planners.{planner}.period_s", period)):
+def _time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
+    keys = [key for key in ("period_s", "lateral_period_s") if hasattr(parameters, key)]
+    periods = ((f"planners.{planner}.{key}", getattr(parameters, key)) for key in keys)
+    for path, value in (("duration_s", scenario.duration_s), *periods):
         ratio = value / scenario.dt_s
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6:
             yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
@@ -295,8 +301,10 @@ def _start_checks(ready: ReadyRun) -> Iterator[Problem]:
     except InputError as error:
         where[""] = "network"
         problems = list(error.problems)
-    for problem in problems:
-        yield Problem(where.get(problem.path, problem.path), problem.message)
+    # A problem of the road stands once a lane, and the message repeats what the path says already.
+    for path, message in {problem.path: problem.message for problem in reversed(problems)}.items():
+        text = message[max(0, message.find("must")) :] if path in where and path else message
+        yield Problem(where.get(path, path), text)
 
 
 def _network_path(network: str, folder: Path) -> Path:
@@ -349,6 +357,7 @@ def _assemble(
             bicycle=bicycle,
             lane_change_time=scenario.ego.lane_change_time_s,
             drivers=drivers,
+            motion=MotionKind(scenario.ego.motion),
         ),
         world=WorldSettings(network, road, scenario.dt_s, options.seed),
         spawns=tuple(_spawn(vehicle) for vehicle in scenario.vehicles),

@@ -16,13 +16,14 @@ from sumo_hmdp.validation import FileModel
 
 
 class EgoFile(FileModel):
-    """`ego`: where the ego starts, and its body; (x, y) is the centre of the front bumper, y that of its lane."""
+    """`ego`: where the ego starts, and how it moves; (x, y) is the centre of the front bumper, y that of its lane."""
 
     x_m: float
     lane: int
     speed_mps: NonNegative
     mode: ModeName = "cruise"
     lane_change_time_s: Positive = 4.0
+    motion: Literal["bicycle", "point_mass"] = "bicycle"
 
 
 class SwitchFile(FileModel):

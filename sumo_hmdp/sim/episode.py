@@ -12,18 +12,9 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
-from sumo_hmdp.vehicle.bicycle import (
-    BicycleParameters,
-    BicycleState,
-    advance,
-    from_front_bumper,
-    front_bumper,
-)
-from sumo_hmdp.vehicle.reference import Reference, follow
-from sumo_hmdp.vehicle.tracking import TrackingInfo, TrackingMpc, TrackingWeights, WarmStart
-
-# Steps that the tracking MPC looks ahead: 1.8 s at 0.15 s, longer than any limit takes to build up.
-TRACKING_STEPS = 12
+from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
+from sumo_hmdp.vehicle.bicycle import BicycleParameters
+from sumo_hmdp.vehicle.tracking import TrackingInfo
 
 
 class Driver(Protocol):
@@ -56,6 +47,7 @@ class EpisodeSettings:
         bicycle: its body and limits.
         lane_change_time: of the ego's quintic [s].
         drivers: of the scripted vehicles, by id.
+        motion: how the ego carries out its commands.
     """
 
     road: Road
@@ -65,6 +57,7 @@ class EpisodeSettings:
     bicycle: BicycleParameters
     lane_change_time: float
     drivers: Mapping[str, Driver]
+    motion: MotionKind = MotionKind.BICYCLE
 
     @property
     def steps(self) -> int:
@@ -82,7 +75,7 @@ class Moment:
         decision: the decision taken at this instant, None between decisions.
         contacts: of the ego at this instant.
         sumo_contacts: what SUMO reported of the ego since the instant before.
-        tracking: how the tracking QP of the step went, None at the last instant.
+        tracking: how the tracking QP of the step went, None at the last instant and for a motion without one.
     """
 
     step: int
@@ -95,16 +88,14 @@ class Moment:
 
 @dataclass(frozen=True)
 class Carry:
-    """All that goes from one step to the next."""
+    """All that goes from one step to the next; `ego` is the state of its motion."""
 
-    ego: BicycleState
+    ego: Any
     command: Command
     mode: Mode
     planner_memory: Any
     driver_memories: Mapping[str, Any]
     driver_modes: Mapping[str, Mode]
-    reference: Reference | None = None
-    warm_start: WarmStart | None = None
 
 
 @dataclass
@@ -140,12 +131,12 @@ def run_episode(
         planner: decides every `planner.period`, a multiple of dt.
         observe: called with every instant, in order; what it keeps is the record.
     """
-    tracker = TrackingMpc(settings.bicycle, TrackingWeights(), TRACKING_STEPS, settings.dt)
-    carry = start(settings, planner)
+    motion = motion_of(settings.motion, settings.bicycle, settings.road, settings.lane_change_time, settings.dt)
+    carry = start(settings, motion, planner)
     sumo_contacts: tuple[tuple[str, str], ...] = ()
     every = round(planner.period / settings.dt)
     for step in range(settings.steps + 1):
-        scene = observe_scene(settings, world, carry, step)
+        scene = observe_scene(settings, motion, world, carry, step)
         touching = contacts(scene.ego, scene.others)
         decision = None
         if step == settings.steps or touching:
@@ -153,75 +144,56 @@ def run_episode(
             return
         if step % every == 0:
             decision, memory = planner.decide(scene, carry.planner_memory)
-            carry = take_command(settings, carry, decision, memory, scene)
+            carry = take_command(motion, carry, decision, memory, scene)
         scene = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
-        carry, speeds, tracking = drive(settings, tracker, carry, scene)
+        carry, speeds, tracking = drive(settings, motion, carry, scene)
         observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
-        world.advance(ego_state(settings, carry), speeds)
+        world.advance(ego_state(settings, motion, carry), speeds)
         sumo_contacts = world.sumo_contacts()
 
 
-def start(settings: EpisodeSettings, planner: Planner[Any]) -> Carry:
+def start(settings: EpisodeSettings, motion: Motion[Any], planner: Planner[Any]) -> Carry:
     """Return what the first step starts from."""
-    ego = settings.ego
     return Carry(
-        ego=from_front_bumper(ego.x, ego.y, ego.heading, ego.speed, settings.bicycle),
-        command=Command(lane=ego.lane, accel=0.0),
-        mode=ego.mode,
+        ego=motion.start(settings.ego),
+        command=Command(lane=settings.ego.lane, accel=0.0),
+        mode=settings.ego.mode,
         planner_memory=planner.initial_memory(),
         driver_memories={name: driver.initial_memory() for name, driver in settings.drivers.items()},
         driver_modes=dict.fromkeys(settings.drivers, Mode.CRUISE),
     )
 
 
-def ego_state(settings: EpisodeSettings, carry: Carry) -> VehicleState:
+def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> VehicleState:
     """Return the ego as others see it: its front bumper, and the lane and mode it intends."""
-    x, y = front_bumper(carry.ego, settings.bicycle)
-    return replace(
-        settings.ego,
-        x=x,
-        y=y,
-        speed=carry.ego.speed,
-        accel=carry.ego.accel,
-        heading=carry.ego.heading,
-        lane=carry.command.lane,
-        mode=carry.mode,
-    )
+    return replace(motion.place(carry.ego, settings.ego), lane=carry.command.lane, mode=carry.mode)
 
 
-def observe_scene(settings: EpisodeSettings, world: LibsumoWorld, carry: Carry, step: int) -> Scene:
+def observe_scene(
+    settings: EpisodeSettings, motion: Motion[Any], world: LibsumoWorld, carry: Carry, step: int
+) -> Scene:
     """Read the world; a scripted vehicle's mode is the one it has been driving in up to now."""
     others = tuple(replace(other, mode=carry.driver_modes.get(other.id, other.mode)) for other in world.observe())
-    return Scene(step * settings.dt, settings.road, ego_state(settings, carry), others)
+    return Scene(step * settings.dt, settings.road, ego_state(settings, motion, carry), others)
 
 
 def take_command(
-    settings: EpisodeSettings,
+    motion: Motion[Any],
     carry: Carry,
     decision: Decision,
     memory: Any,  # noqa: ANN401 - each planner's own
     scene: Scene,
 ) -> Carry:
     """Start what a decision orders, from the present state; a running lane change to the same lane goes on."""
-    reference = follow(
-        decision.command,
-        carry.ego,
-        settings.bicycle,
-        carry.reference,
-        road=settings.road,
-        time=scene.time,
-        lane_change_time=settings.lane_change_time,
-    )
-    return replace(carry, command=decision.command, mode=decision.mode, planner_memory=memory, reference=reference)
+    ego = motion.take(carry.ego, decision.command, scene.time)
+    return replace(carry, ego=ego, command=decision.command, mode=decision.mode, planner_memory=memory)
 
 
 def drive(
-    settings: EpisodeSettings, tracker: TrackingMpc, carry: Carry, scene: Scene
-) -> tuple[Carry, dict[str, float], TrackingInfo]:
+    settings: EpisodeSettings, motion: Motion[Any], carry: Carry, scene: Scene
+) -> tuple[Carry, dict[str, float], TrackingInfo | None]:
     """Return the carry with the ego one step on, the speeds that the scripted vehicles take, and the QP's report."""
-    assert carry.reference is not None  # noqa: S101 - a decision is due at step 0
-    controls, warm_start, tracking = tracker.control(carry.ego, carry.reference, scene.time, carry.warm_start)
-    ego = advance(carry.ego, controls, settings.bicycle, settings.dt)
+    ego, tracking = motion.move(carry.ego, scene.time)
     memories, modes, speeds = dict(carry.driver_memories), dict(carry.driver_modes), {}
     for vehicle in scene.others:
         driver = settings.drivers.get(vehicle.id)
@@ -232,7 +204,7 @@ def drive(
         )
         speeds[vehicle.id] = max(0.0, vehicle.speed + accel * settings.dt)
     return (
-        replace(carry, ego=ego, warm_start=warm_start, driver_memories=memories, driver_modes=modes),
+        replace(carry, ego=ego, driver_memories=memories, driver_modes=modes),
         speeds,
         tracking,
     )

@@ -10,8 +10,9 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.vehicle import bicycle, point_mass
 from sumo_hmdp.vehicle.bicycle import BicycleParameters, BicycleState
 from sumo_hmdp.vehicle.point_mass import PointMass
+from sumo_hmdp.vehicle.program import WarmStart
 from sumo_hmdp.vehicle.reference import Reference, follow
-from sumo_hmdp.vehicle.tracking import TrackingInfo, TrackingMpc, TrackingWeights, WarmStart
+from sumo_hmdp.vehicle.tracking import TrackingInfo, TrackingMpc, TrackingWeights
 
 # Steps that the tracking MPC looks ahead: 1.8 s at 0.15 s, longer than any limit takes to build up.
 TRACKING_STEPS = 12

@@ -20,9 +20,19 @@ STEP_COLUMNS = {
 DECISION_COLUMNS = {
     "run_id": "str", "decision_index": "int64", "time_s": "float64", "status": "str", "reason": "str",
     "lateral": "str", "mode": "str", "lane": "int64", "accel_mps2": "float64", "objective": "float64",
-    "violation_m": "float64", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
+    "violation_m": "float64", "stage_cost": "float64", "objective_bound": "float64", "shifted_feasible": "boolean",
+    "shifted_reason": "str", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "branches_json": "str", "forbidden_json": "str",
+}  # fmt: skip
+RUN_COLUMNS = {
+    "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
+    "status": "str", "reason": "str", "duration_s": "float64", "distance_m": "float64", "speed_mean_mps": "float64",
+    "gap_min_m": "float64", "ttc_min_s": "float64", "lane_change_count": "int64", "lane_change_first_s": "float64",
+    "decision_count": "int64", "optimal_share": "float64", "relaxed_share": "float64", "fallback_share": "float64",
+    "violation_max_m": "float64", "solve_time_median_ms": "float64", "solve_time_max_ms": "float64",
+    "contact_count": "int64", "contact_at_fault_count": "int64", "sumo_contact_count": "int64",
+    "tracking_failure_count": "int64", "wall_time_s": "float64", "trace_hash": "str",
 }  # fmt: skip
 
 
@@ -124,6 +134,10 @@ class Recorder:
             "accel_mps2": decision.command.accel,
             "objective": decision.objective,
             "violation_m": decision.violation,
+            "stage_cost": decision.stage_cost,
+            "objective_bound": decision.objective_bound,
+            "shifted_feasible": decision.shifted_feasible,
+            "shifted_reason": decision.shifted_reason,
             "solver": decision.solver,
             "solve_time_ms": 1000 * decision.solve_time,
             "pruned_prob": decision.pruned_prob,

@@ -16,8 +16,16 @@ from sumo_hmdp.planning.highs import solver_version
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld, sumo_version
-from sumo_hmdp.study.record import Recorder, RunStatus, Trace
-from sumo_hmdp.study.store import SCHEMA_VERSION, write_manifest, write_table, write_text
+from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
+from sumo_hmdp.study.store import (
+    SCHEMA_VERSION,
+    decision_folder,
+    discard,
+    traceback_path,
+    write_manifest,
+    write_table,
+    write_text,
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ def run_id_of(run: ReadyRun) -> str:
         parts.append(run.solver)
     risk_level = run.parameters.get("risk_level")
     if risk_level is not None:
-        parts.append(f"eps{risk_level:g}")
+        parts.append(f"eps{risk_level!r}")
     return "-".join([*parts, f"seed{run.seed}"])
 
 
@@ -80,11 +88,11 @@ def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) ->
     try:
         with LibsumoWorld(run.world, run.episode.ego, run.spawns) as world:
             run_episode(run.episode, world, run.planner, observe)
-    except InputError:
-        raise
     except KeyboardInterrupt:
         status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
-    except Exception as error:  # noqa: BLE001 - whatever breaks a run must leave a record of it
+    except Exception as error:  # whatever breaks a run must leave a record of it
+        if isinstance(error, InputError) and not recorder.steps:
+            raise
         status, reason, trace = RunStatus.FAILED, f"{type(error).__name__}: {error}", traceback.format_exc()
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contacts)
@@ -152,7 +160,9 @@ def versions() -> dict[str, str]:
 
 
 def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool) -> None:
-    """Write the tables and the manifest of a run; the row in `runs` comes last, so that it vouches for the rest.
+    """Write the tables and the manifest of a run, in place of an earlier run of the same name.
+
+    The row in `runs` goes first and comes last, so that it vouches for the rest whenever the process is killed.
 
     Args:
         record: the run.
@@ -165,13 +175,14 @@ def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool)
         steps = steps.iloc[:0]
     elif trace is Trace.EGO:
         steps = steps[steps["vehicle_id"] == "ego"]
+    discard(folder, record.run_id)
     write_table(folder, "steps", record.run_id, steps)
     write_table(folder, "decisions", record.run_id, record.decisions)
     write_manifest(folder, record.run_id, record.manifest)
     if record.traceback:
-        write_text(folder / "failures" / f"{record.run_id}.txt", record.traceback)
+        write_text(traceback_path(folder, record.run_id), record.traceback)
     if dump_decisions:
         for index, document in enumerate(record.documents):
             if document is not None:
-                write_text(folder / "decision_files" / record.run_id / f"{index:04d}.json", document + "\n")
-    write_table(folder, "runs", record.run_id, pd.DataFrame([record.row]))
+                write_text(decision_folder(folder, record.run_id) / f"{index:04d}.json", document + "\n")
+    write_table(folder, "runs", record.run_id, pd.DataFrame([record.row]).astype(RUN_COLUMNS))

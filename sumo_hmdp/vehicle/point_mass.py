@@ -95,6 +95,4 @@ def advance(state: PointMass, accel: float, dt: float) -> PointMass:
         dt: the step [s], > 0.
     """
     speed = max(0.0, state.speed + accel * dt)
-    return replace(
-        state, x=state.x + speed * dt, speed=speed, accel=(speed - state.speed) / dt, clock=state.clock + dt
-    )
+    return replace(state, x=state.x + speed * dt, speed=speed, accel=(speed - state.speed) / dt, clock=state.clock + dt)

@@ -1,223 +1,167 @@
 """Brute force over maneuver sequences: the reference answer to a decision problem.
 
 Written from the rules alone and sharing no code with the package, so that the two can be compared. Every
-sequence of the ego is tried against every sequence of every surrounding vehicle that pruning leaves; plain
-loops, no arrays. Numbers in square brackets are the sections of the formulation.
-
-Conventions: lanes are numbered 1..n from the left; a lateral action is -1 (left), 0 (keep) or +1 (right), a
-mode +1 (accelerate), 0 (cruise) or -1 (decelerate). x is the position of the front bumper.
+sequence of the ego is tried against every sequence of every surrounding vehicle that pruning leaves (those
+are in brute_prediction.py); plain loops, no arrays. Numbers in brackets are the sections, in parentheses the
+equations of docs/formulation.md.
 """
 
+import importlib.util
 import math
-from statistics import NormalDist
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
-MODES = {"accelerate": 1, "cruise": 0, "decelerate": -1}
-LATERALS = {"left": -1, "keep": 0, "right": 1}
-MODE_NAMES = {mode: name for name, mode in MODES.items()}
-LATERAL_NAMES = {lateral: name for name, lateral in LATERALS.items()}
 
-# The paper's actions a1..a9 as (lateral action, change of mode) [2].
-ACTIONS = [(lateral, change) for lateral in (0, -1, 1) for change in (0, 1, -1)]
+def _beside(name):
+    """Load a module of this folder: the tests are no package, so they cannot import one another."""
+    spec = importlib.util.spec_from_file_location(f"oracle_{name}", Path(__file__).with_name(f"{name}.py"))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+prediction = _beside("brute_prediction")
+costs = _beside("brute_cost")
+
+MODES = prediction.MODES
+DEFAULT_LENGTH, DEFAULT_WIDTH = prediction.DEFAULT_LENGTH, prediction.DEFAULT_WIDTH
+setting, lane_centre, lanes_under = prediction.setting, prediction.lane_centre, prediction.lanes_under
+
+# The parts that tests look at one by one.
+action_probabilities, retained_sequences = prediction.action_probabilities, prediction.retained_sequences
+vehicle_motion, lateral_motion = prediction.vehicle_motion, prediction.lateral_motion
+position_sigmas, branch_path = prediction.position_sigmas, prediction.branch_path
+branch_risks, water_fill, predict = prediction.branch_risks, prediction.water_fill, prediction.predict
+cost_to_go, plan_cost = costs.cost_to_go, costs.plan_cost
 
 DISTANCE_TOLERANCE = 1e-6
 SPEED_TOLERANCE = 1e-9
-THRESHOLD_TOLERANCE = 1e-12
-DEFAULT_LENGTH = 4.5
 
-PLANNER_KEYS = {
-    "period_s",
-    "horizon_steps",
-    "accel_mps2",
-    "speed_min_mps",
-    "speed_max_mps",
-    "safe_distance_m",
-    "risk_level",
-    "risk_allocation",
-    "sequence_threshold",
-    "maneuver_cost",
-    "speed_weight",
-    "desired_speed_mps",
-    "speed_deadband_mps",
-    "lane_weight",
-    "goal_lane",
-    "terminal_weight",
-    "forbidden_lanes",
-}
+REQUIRED_KEYS = (
+    "period_s horizon_steps accel_mps2 speed_min_mps speed_max_mps safe_distance_m risk_level "
+    "risk_allocation sequence_threshold maneuver_cost speed_weight desired_speed_mps speed_deadband_mps "
+    "lane_weight goal_lane terminal_weight forbidden_lanes "
+)
+PLANNER_KEYS = {*REQUIRED_KEYS.split(), *prediction.DEFAULTS}
 
 
-class BranchStep(NamedTuple):
-    """One step of one predicted branch, with what the rules need to know of the step before it."""
+class EgoState(NamedTuple):
+    """The ego at the end of a step of a plan, or now."""
 
-    lane_before: int
-    x_before: float
-    lane: int
-    x: float
-    need: float  # the distance that must be kept: d_safe + z * sigma
-    length: float
-
-
-class EgoStep(NamedTuple):
-    """The ego after one step of a plan."""
-
-    lateral: int
-    mode: int
-    lane: int
+    lane: int  # the one it intends
     x: float
     speed: float
-    violation: float  # of this step alone, metres
+    mode: int
+    leaving: dict  # lane: at how many more step ends it is still taken up (16)
+    lanes: frozenset  # taken up at this instant
+    lateral: int = 0  # the action of the step
+    violation: float = 0.0  # of the step alone, metres
 
 
 # ---------------------------------------------------------------------------------------------------------
-# Surrounding vehicles: policy, pruning, prediction
+# The lanes that the ego takes up (16)
 # ---------------------------------------------------------------------------------------------------------
 
 
-def action_probabilities(problem, vehicle, lane, mode):
-    """Return {(lateral action, change of mode): probability} in the state (lane, mode) [3].
-
-    The lateral table times the table over the next mode, masked by admissibility, renormalised. Actions of
-    probability zero are left out. The order is the paper's.
-    """
-    lateral_table = vehicle["lateral_probs"]
-    if str(lane) in lateral_table:
-        lateral_table = lateral_table[str(lane)]
-    products = {}
-    for lateral, change in ACTIONS:
-        if not 1 <= lane + lateral <= problem["lanes"]["count"]:
-            continue
-        if mode + change not in MODE_NAMES:
-            continue
-        lateral_prob = lateral_table[LATERAL_NAMES[lateral]]
-        mode_prob = vehicle["longitudinal_probs"][MODE_NAMES[mode + change]]
-        if lateral_prob * mode_prob > 0.0:
-            products[lateral, change] = lateral_prob * mode_prob
-    total = sum(products.values())
-    if total <= 0.0:
-        raise ValueError(f"{vehicle['id']}: no action has a positive probability in lane {lane}, mode {mode}")
-    return {action: product / total for action, product in products.items()}
+def share_at(p):
+    """Return the share of a lane change that is done after the share p of its time."""
+    return 10.0 * p**3 - 15.0 * p**4 + 6.0 * p**5
 
 
-def retained_sequences(problem, vehicle):
-    """Return [(probability, actions)] of the action sequences that pruning leaves [5].
-
-    Kept is what reaches the sequence threshold; where nothing does, the likeliest sequence alone (the first
-    of equals in the paper's order of actions).
-    """
-    horizon = problem["planner"]["horizon_steps"]
-    threshold = problem["planner"]["sequence_threshold"] * (1.0 - THRESHOLD_TOLERANCE)
-    kept = []
-    likeliest = (0.0, None)
-
-    def extend(lane, mode, prob, actions):
-        nonlocal likeliest
-        # A product only falls as the sequence grows, so a prefix that can be neither kept nor the likeliest
-        # is given up.
-        if prob < threshold and prob <= likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
-            return
-        if len(actions) == horizon:
-            if prob >= threshold:
-                kept.append((prob, actions))
-            if prob > likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
-                likeliest = (prob, actions)
-            return
-        for (lateral, change), p in action_probabilities(problem, vehicle, lane, mode).items():
-            extend(lane + lateral, mode + change, prob * p, [*actions, (lateral, change)])
-
-    extend(vehicle["lane"], MODES[vehicle["mode"]], 1.0, [])
-    return kept or [likeliest]
+def time_share(share):
+    """Return p with share_at(p) = share, by bisection."""
+    low, high = 0.0, 1.0
+    for _ in range(200):
+        middle = (low + high) / 2.0
+        if share_at(middle) < share:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
-def vehicle_motion(planner, x, speed, mode):
-    """Return (x, speed) after a step with the mode BEFORE its action; nobody drives backwards [4]."""
-    T, accel = planner["period_s"], planner["accel_mps2"]
-    if mode == -1 and speed < accel * T:
-        return x + speed**2 / (2.0 * accel), 0.0
-    return x + speed * T + mode * accel * T**2 / 2.0, speed + mode * accel * T
+def clearing_share(problem):
+    """Return p_c, the share of a lane change's time after which the body has left the old lane."""
+    lane_width = problem["lanes"]["width_m"]
+    return time_share((lane_width + problem["ego"].get("width_m", DEFAULT_WIDTH)) / (2.0 * lane_width))
 
 
-def position_sigmas(problem, vehicle):
-    """Return the standard deviation of the vehicle's x after steps 1..H [4]."""
-    T = problem["planner"]["period_s"]
-    q_xx, q_xv, q_vv = vehicle["position_var_m2"], 0.0, vehicle["speed_var_m2ps2"]
-    sigmas = []
-    for _ in range(problem["planner"]["horizon_steps"]):
-        q_xx = q_xx + 2.0 * T * q_xv + T**2 * q_vv + vehicle["process_position_var_m2"]
-        q_xv = q_xv + T * q_vv
-        q_vv = q_vv + vehicle["process_speed_var_m2ps2"]
-        sigmas.append(math.sqrt(q_xx))
-    return sigmas
+def steps_to_leave(problem):
+    """Return m, at how many step ends a lane is still taken up that a plan leaves."""
+    time = clearing_share(problem) * setting(problem, "lane_change_time_s")
+    return max(1, math.ceil(time / problem["planner"]["period_s"]) - 1)
 
 
-def risk_quantile(problem):
-    """Return z = Phi^-1(1 - eps_k) [7]."""
-    planner = problem["planner"]
-    eps = planner["risk_level"]
-    if planner["risk_allocation"] == "uniform":
-        eps = eps / (planner["horizon_steps"] * max(1, len(problem["vehicles"])))
-    elif planner["risk_allocation"] != "individual":
-        raise ValueError(f"the oracle has no risk allocation {planner['risk_allocation']!r}")
-    return NormalDist().inv_cdf(1.0 - eps)
+def ego_now(problem):
+    """Return the ego's state now, with the lanes of a change under way."""
+    ego = problem["ego"]
+    leaving, lanes = {}, {ego["lane"]}
+    if setting(problem, "occupancy") == "swept":
+        target = lane_centre(problem, ego["lane"])
+        for lane in lanes_under(problem, ego["y_m"], ego.get("width_m", DEFAULT_WIDTH)) - {ego["lane"]}:
+            centre = lane_centre(problem, lane)
+            done = min(1.0, abs(ego["y_m"] - centre) / abs(target - centre))
+            shares = max(0.0, clearing_share(problem) - time_share(done))
+            time = shares * setting(problem, "lane_change_time_s")
+            leaving[lane] = max(0, math.ceil(time / problem["planner"]["period_s"]) - 1)
+            lanes.add(lane)
+    return EgoState(ego["lane"], ego["x_m"], ego["speed_mps"], MODES[ego["mode"]], leaving, frozenset(lanes))
 
 
-def predict(problem):
-    """Return (steps, branches, pruned): steps[k] the set of all branches' step k, k = 1..H (steps[0] empty);
-    branches and pruned {vehicle id: number of sequences kept, probability of those that are not}.
-
-    Branches that agree over steps k-1 and k are one at step k: no rule looks further back.
-    """
-    planner = problem["planner"]
-    z = risk_quantile(problem)
-    steps = [set() for _ in range(planner["horizon_steps"] + 1)]
-    branches, pruned = {}, {}
-    for vehicle in problem["vehicles"]:
-        sequences = retained_sequences(problem, vehicle)
-        branches[vehicle["id"]] = len(sequences)
-        pruned[vehicle["id"]] = max(0.0, 1.0 - math.fsum(prob for prob, _ in sequences))
-        needs = [planner["safe_distance_m"] + z * sigma for sigma in position_sigmas(problem, vehicle)]
-        length = vehicle.get("length_m", DEFAULT_LENGTH)
-        for _, actions in sequences:
-            lane, mode, x, speed = (
-                vehicle["lane"],
-                MODES[vehicle["mode"]],
-                vehicle["x_m"],
-                vehicle["speed_mps"],
-            )
-            for k, (lateral, change) in enumerate(actions, start=1):
-                lane_before, x_before = lane, x
-                x, speed = vehicle_motion(planner, x, speed, mode)
-                lane, mode = lane + lateral, mode + change
-                steps[k].add(BranchStep(lane_before, x_before, lane, x, needs[k - 1], length))
-    return steps, branches, pruned
+def lanes_after(problem, before, lane):
+    """Return (leaving, lanes) of the ego after a step that begins in the state before and intends lane."""
+    leaving = {left: count for left, count in before.leaving.items() if count > 0}
+    if setting(problem, "occupancy") == "swept" and lane != before.lane:
+        leaving[before.lane] = steps_to_leave(problem)
+        leaving.pop(lane, None)
+    lanes = frozenset(leaving) | {lane}
+    return {left: count - 1 for left, count in leaving.items()}, lanes
 
 
 # ---------------------------------------------------------------------------------------------------------
-# Ego: motion, what must hold, cost
+# Distances and what must hold
 # ---------------------------------------------------------------------------------------------------------
 
 
-def in_contact(x_ego, ego_length, branch):
-    """Tell whether the ego touches a branch in whose lane it is; where less distance is asked for than a
-    vehicle's length, that distance is the length."""
-    behind = branch.x - min(branch.length, branch.need) + DISTANCE_TOLERANCE
-    ahead = branch.x + min(ego_length, branch.need) - DISTANCE_TOLERANCE
-    return behind < x_ego < ahead
+def distance(problem, ego_speed, branch, *, ego_is_ahead):
+    """Return d between the front bumpers of the ego and a branch (17)."""
+    rule, safe = setting(problem, "distance_rule"), problem["planner"]["safe_distance_m"]
+    leader_length = problem["ego"].get("length_m", DEFAULT_LENGTH) if ego_is_ahead else branch.length
+    if rule == "fixed":
+        return safe
+    if rule == "time_headway":
+        return leader_length + safe + setting(problem, "time_headway_s") * ego_speed
+    if rule != "rss":
+        raise ValueError(f"the oracle has no distance rule {rule!r}")
+    rear, front = (branch.speed, ego_speed) if ego_is_ahead else (ego_speed, branch.speed)
+    rho, accel = setting(problem, "rss_response_time_s"), setting(problem, "rss_accel_max_mps2")
+    way = rear * rho + accel * rho**2 / 2.0
+    way += (rear + rho * accel) ** 2 / (2.0 * setting(problem, "rss_brake_min_mps2"))
+    way -= front**2 / (2.0 * setting(problem, "rss_brake_max_mps2"))
+    return leader_length + max(0.0, way)
 
 
-def step_violation(ego_length, lane_before, x_before, lane, x, branch_steps):
-    """Return the metres by which the ego, moving from (lane_before, x_before) to (lane, x), misses the
-    distances it must keep [6]; None where it touches a branch or passes through one."""
+def step_violation(problem, before, lanes, x, speed, branch_steps):
+    """Return the metres by which a step of the ego misses the distances it must keep (8, 14); None where it
+    touches a branch or passes through one."""
+    ego_length = problem["ego"].get("length_m", DEFAULT_LENGTH)
     short_ahead, short_behind = 0.0, 0.0
     for branch in branch_steps:
-        if branch.lane != lane:
+        if branch.lanes.isdisjoint(lanes):
             continue
         ego_is_ahead = x > branch.x
-        shared_before = branch.lane_before == lane_before
-        if shared_before and (x_before > branch.x_before) != ego_is_ahead:
+        shared_before = not branch.lanes_before.isdisjoint(before.lanes)
+        if shared_before and (before.x > branch.x_before) != ego_is_ahead:
             return None
-        if in_contact(x, ego_length, branch):
+        need = distance(problem, speed, branch, ego_is_ahead=ego_is_ahead) + branch.z_sigma
+        # Where less distance is asked for than the length of the vehicle ahead, touching begins there.
+        length = min(need, ego_length if ego_is_ahead else branch.length)
+        apart = abs(x - branch.x)
+        if apart < length - DISTANCE_TOLERANCE:
             return None
-        shortfall = branch.need - abs(x - branch.x)
+        shortfall = need - apart
         if shortfall <= DISTANCE_TOLERANCE:
             continue
         if ego_is_ahead:
@@ -227,77 +171,36 @@ def step_violation(ego_length, lane_before, x_before, lane, x, branch_steps):
     return short_ahead + short_behind
 
 
-def ego_step(problem, branch_steps, lane_before, x_before, speed_before, mode_before, action):
-    """Return the EgoStep after an action (lateral, next mode), or None where it is not admissible, touches a
-    vehicle or passes through one. The ego moves with the mode AFTER the action [4, 8]."""
+def ego_motion(problem, x, speed, mode):
+    """Return (x, speed) of the ego after a step with the mode AFTER its action, or None outside the limits (11)."""
     planner = problem["planner"]
     T, accel = planner["period_s"], planner["accel_mps2"]
-    lateral, mode = action
-    lane = lane_before + lateral
-    if not 1 <= lane <= problem["lanes"]["count"] or lane in planner["forbidden_lanes"]:
+    stops = setting(problem, "stopping") and planner["speed_min_mps"] == 0.0
+    if stops and mode == -1 and speed < accel * T:
+        return x + speed**2 / (2.0 * accel), 0.0
+    after = speed + mode * accel * T
+    if after < planner["speed_min_mps"] - SPEED_TOLERANCE or after > planner["speed_max_mps"] + SPEED_TOLERANCE:
         return None
-    if abs(mode - mode_before) > 1:
+    return x + speed * T + mode * accel * T**2 / 2.0, after
+
+
+def ego_step(problem, branch_steps, before, lateral, mode):
+    """Return the EgoState after an action, or None where it is not admissible, touches a vehicle or passes
+    through one [6, 7]."""
+    lane = before.lane + lateral
+    if not 1 <= lane <= problem["lanes"]["count"] or lane in problem["planner"]["forbidden_lanes"]:
         return None
-    speed = speed_before + mode * accel * T
-    if speed < planner["speed_min_mps"] - SPEED_TOLERANCE or speed > planner["speed_max_mps"] + SPEED_TOLERANCE:
+    if abs(mode - before.mode) > 1:
         return None
-    x = x_before + speed_before * T + mode * accel * T**2 / 2.0
-    ego_length = problem["ego"].get("length_m", DEFAULT_LENGTH)
-    violation = step_violation(ego_length, lane_before, x_before, lane, x, branch_steps)
+    moved = ego_motion(problem, before.x, before.speed, mode)
+    if moved is None:
+        return None
+    x, speed = moved
+    leaving, lanes = lanes_after(problem, before, lane)
+    violation = step_violation(problem, before, lanes, x, speed, branch_steps)
     if violation is None:
         return None
-    return EgoStep(lateral, mode, lane, x, speed, violation)
-
-
-def speed_excess(planner, speed):
-    """Return how far the speed is outside the dead band around the desired one."""
-    excess = abs(speed - planner["desired_speed_mps"]) - planner["speed_deadband_mps"]
-    return excess if excess > SPEED_TOLERANCE else 0.0
-
-
-def stage_cost(planner, lateral, mode, lane, speed):
-    """Return the cost of one step, lane and speed taken where it ends [8]."""
-    row = {1: 0, 0: 1, -1: 2}[mode]
-    column = {-1: 0, 0: 1, 1: 2}[lateral]
-    cost = planner["maneuver_cost"][row][column]
-    cost += planner["speed_weight"] * speed_excess(planner, speed)
-    if planner["goal_lane"] is not None:
-        cost += planner["lane_weight"] * abs(lane - planner["goal_lane"])
-    return cost
-
-
-def toward(now, target):
-    """Return the step of -1, 0 or +1 that leads from one integer to another."""
-    return (target > now) - (target < now)
-
-
-def cost_to_go(planner, lane, speed, mode):
-    """Return the cost of the baseline policy from here to the goal mode, without traffic [8]."""
-    goal_lane = lane if planner["goal_lane"] is None else planner["goal_lane"]
-    speed_step = planner["accel_mps2"] * planner["period_s"]
-    cost = 0.0
-    for _ in range(10_000):
-        if speed_excess(planner, speed) == 0.0:
-            needed = 0
-        else:
-            needed = 1 if speed < planner["desired_speed_mps"] else -1
-        if lane == goal_lane and needed == 0 and mode == 0:
-            return cost
-        mode = mode + toward(mode, needed)
-        lateral = toward(lane, goal_lane)
-        lane = lane + lateral
-        speed = speed + mode * speed_step
-        cost += stage_cost(planner, lateral, mode, lane, speed)
-    raise ValueError("the baseline does not reach its goal: the dead band is under half a speed step")
-
-
-def plan_cost(planner, plan):
-    """Return the objective of a plan: its stage costs and the terminal cost [8]."""
-    cost = sum(stage_cost(planner, step.lateral, step.mode, step.lane, step.speed) for step in plan)
-    if planner["terminal_weight"] > 0.0:
-        last = plan[-1]
-        cost += planner["terminal_weight"] * cost_to_go(planner, last.lane, last.speed, last.mode)
-    return cost
+    return EgoState(lane, x, speed, mode, leaving, lanes, lateral, violation)
 
 
 # ---------------------------------------------------------------------------------------------------------
@@ -305,29 +208,34 @@ def plan_cost(planner, plan):
 # ---------------------------------------------------------------------------------------------------------
 
 
-def all_plans(problem, steps, *, keep_distances):
-    """Yield every plan (a list of EgoStep) that neither touches nor passes through a vehicle; with
-    keep_distances only those that keep every distance."""
-    horizon = problem["planner"]["horizon_steps"]
-
-    def extend(plan, lane, x, speed, mode):
-        if len(plan) == horizon:
-            yield plan
-            return
-        for lateral in (0, -1, 1):
-            for next_mode in (0, 1, -1):
-                step = ego_step(problem, steps[len(plan) + 1], lane, x, speed, mode, (lateral, next_mode))
-                if step is None or (keep_distances and step.violation > 0.0):
-                    continue
-                yield from extend([*plan, step], step.lane, step.x, step.speed, step.mode)
-
-    ego = problem["ego"]
-    yield from extend([], ego["lane"], ego["x_m"], ego["speed_mps"], MODES[ego["mode"]])
-
-
 def total_violation(plan):
     """Return the metres a plan misses over all its steps."""
     return sum(step.violation for step in plan)
+
+
+def all_plans(problem, steps):
+    """Return the plans (lists of EgoState) that neither touch nor pass through a vehicle and whose violation is
+    the least of all such plans, within the tolerance. A plan in the making that already exceeds the least
+    violation found so far is given up."""
+    horizon = problem["planner"]["horizon_steps"]
+    found, least = [], math.inf
+
+    def extend(plan, state, violation):
+        nonlocal least
+        if violation > least + DISTANCE_TOLERANCE:
+            return
+        if len(plan) == horizon:
+            found.append(plan)
+            least = min(least, violation)
+            return
+        for lateral in (0, -1, 1):
+            for mode in (0, 1, -1):
+                step = ego_step(problem, steps[len(plan) + 1], state, lateral, mode)
+                if step is not None:
+                    extend([*plan, step], step, violation + step.violation)
+
+    extend([], ego_now(problem), 0.0)
+    return [plan for plan in found if total_violation(plan) <= least + DISTANCE_TOLERANCE]
 
 
 def check_keys(problem):
@@ -340,37 +248,48 @@ def check_keys(problem):
 def solve(problem):
     """Solve a decision problem by brute force.
 
-    Returns a dict: status ("optimal", "relaxed" or "fallback"), objective (None for fallback), violation_m,
-    lateral and longitudinal (the plan's lateral actions and modes, empty for fallback), branches and
-    pruned_prob ({vehicle id: number of retained sequences} and {vehicle id: probability pruned}).
+    Returns a dict: status ("optimal", "relaxed", "fallback", or "error" where the risk budget cannot be met),
+    objective (None without a plan), violation_m, lateral and longitudinal (the plan's lateral actions and modes,
+    or empty), branches and pruned_prob ({vehicle id: number of retained sequences} and {vehicle id:
+    probability pruned}).
     """
     check_keys(problem)
     planner = problem["planner"]
-    steps, branches, pruned = predict(problem)
-    status = "optimal"
-    plans = list(all_plans(problem, steps, keep_distances=True))
-    if not plans:  # [9]: the least violation first, then the least cost
-        status = "relaxed"
-        plans = list(all_plans(problem, steps, keep_distances=False))
-        least = min(map(total_violation, plans), default=0.0)
-        plans = [plan for plan in plans if total_violation(plan) <= least + DISTANCE_TOLERANCE]
-    answer = {"branches": branches, "pruned_prob": pruned}
+    nothing = {"objective": None, "violation_m": 0.0, "lateral": [], "longitudinal": []}
+    try:
+        steps, branches, pruned = predict(problem)
+    except prediction.BudgetError:
+        return nothing | {"status": "error", "branches": {}, "pruned_prob": {}}
+    answer = nothing | {"branches": branches, "pruned_prob": pruned}
+    plans = all_plans(problem, steps)
     if not plans:
-        return answer | {
-            "status": "fallback",
-            "objective": None,
-            "violation_m": 0.0,
-            "lateral": [],
-            "longitudinal": [],
-        }
-    best = min(plans, key=lambda plan: plan_cost(planner, plan))
+        return answer | {"status": "fallback"}
+    kept = [plan for plan in plans if total_violation(plan) == 0.0]
+    best = min(kept or plans, key=lambda plan: plan_cost(planner, plan))
     return answer | {
-        "status": status,
+        "status": "optimal" if kept else "relaxed",
         "objective": plan_cost(planner, best),
         "violation_m": total_violation(best),
         "lateral": [step.lateral for step in best],
         "longitudinal": [step.mode for step in best],
     }
+
+
+def follow(problem, lateral, longitudinal):
+    """Return the states of a given plan, from now to its last step; None where it is not admissible, touches a
+    vehicle or passes through one."""
+    check_keys(problem)
+    horizon = problem["planner"]["horizon_steps"]
+    if len(lateral) != horizon or len(longitudinal) != horizon:
+        raise ValueError(f"a plan has {horizon} steps")
+    branch_steps = predict(problem)[0][1:]
+    states = [ego_now(problem)]
+    for k in range(horizon):
+        step = ego_step(problem, branch_steps[k], states[-1], lateral[k], longitudinal[k])
+        if step is None:
+            return None
+        states.append(step)
+    return states
 
 
 def evaluate(problem, lateral, longitudinal):
@@ -379,18 +298,8 @@ def evaluate(problem, lateral, longitudinal):
     Returns {"violation_m", "objective"}, or None where the plan is not admissible, touches a vehicle or
     passes through one. The plan is feasible where violation_m is 0.
     """
-    check_keys(problem)
-    horizon = problem["planner"]["horizon_steps"]
-    if len(lateral) != horizon or len(longitudinal) != horizon:
-        raise ValueError(f"a plan has {horizon} steps")
-    steps, _, _ = predict(problem)
-    ego = problem["ego"]
-    plan = []
-    lane, x, speed, mode = ego["lane"], ego["x_m"], ego["speed_mps"], MODES[ego["mode"]]
-    for branch_steps, action in zip(steps[1:], zip(lateral, longitudinal, strict=True), strict=True):
-        step = ego_step(problem, branch_steps, lane, x, speed, mode, action)
-        if step is None:
-            return None
-        plan.append(step)
-        lane, x, speed, mode = step.lane, step.x, step.speed, step.mode
+    states = follow(problem, lateral, longitudinal)
+    if states is None:
+        return None
+    plan = states[1:]
     return {"violation_m": total_violation(plan), "objective": plan_cost(problem["planner"], plan)}
