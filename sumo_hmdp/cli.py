@@ -104,7 +104,7 @@ def decide(
             _complain(error)
             clean = False
             continue
-        sys.stdout.write(json.dumps(answer_document(answer(problem, SOLVERS[solver]))) + "\n")
+        sys.stdout.write(json.dumps(answer_document(answer(problem, solver))) + "\n")
         sys.stdout.flush()
     if not clean:
         raise typer.Exit(BAD_INPUT)
@@ -219,7 +219,7 @@ def summary_table(record: "RunRecord") -> "Table":
         for name in ("optimal", "relaxed", "fallback")
         if (share := record.row[f"{name}_share"]) is not None
     )
-    table.add_row("statuses", shares or "none")
+    table.add_row("statuses", shares or ("rule" if record.row["decision_count"] else "none"))
     table.add_row("trace hash", record.row["trace_hash"][:16])
     return table
 

@@ -143,14 +143,14 @@ def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
     for part in location:
         if isinstance(part, int):
             continue
-        inside = [found for m in current if part in m.model_fields for found in _models_in(m.model_fields[part])]
+        inside = [found for m in current if part in m.model_fields for found in models_in(m.model_fields[part])]
         # What is no key of a model is the tag of one of several models, or the key of a mapping of them.
         tagged = [m for m in current if any(get_args(f.annotation) == (part,) for f in m.model_fields.values())]
         current = inside or tagged or current
     return [name for m in current for name in m.model_fields]
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - annotations have no common type
+def models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - annotations have no common type
     """Return the model classes inside a field or an annotation such as list[Model] or Model | None."""
     annotation = getattr(annotation, "annotation", annotation)
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -162,7 +162,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:  # noqa: ANN401 - anno
         arguments = arguments[:1]
     elif get_origin(annotation) not in {Union, UnionType, list, tuple, dict}:
         return []
-    return [found for argument in arguments for found in _models_in(argument)]
+    return [found for argument in arguments for found in models_in(argument)]
 
 
 def nearest(name: str, known: Iterable[str] | Mapping[str, object]) -> str:

@@ -12,12 +12,14 @@ class Status(StrEnum):
     """How a decision came about.
 
     OPTIMAL: the best plan that keeps every distance.
+    INCUMBENT: a plan that keeps every distance, the best known when an enforced deadline came; perhaps not the best.
     RELAXED: none keeps them all; the plan with the least violation, then the least cost.
     FALLBACK: even the least violation means contact; brake in lane.
     RULE: a rule's answer; there was no plan that could be best.
     """
 
     OPTIMAL = "optimal"
+    INCUMBENT = "incumbent"
     RELAXED = "relaxed"
     FALLBACK = "fallback"
     RULE = "rule"

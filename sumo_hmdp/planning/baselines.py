@@ -3,7 +3,6 @@
 import math
 import time
 from dataclasses import dataclass, field, replace
-from typing import Annotated
 
 from pydantic import Field
 
@@ -12,30 +11,28 @@ from sumo_hmdp.domain.plan import Command, Decision, Status
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.idm import Idm
 from sumo_hmdp.planning.mobil import Mobil, neighbours
+from sumo_hmdp.planning.problem_file import NonNegative, Positive
 from sumo_hmdp.validation import FileModel
 
 # A rule has no modes: an acceleration below this is recorded as cruising, and nothing depends on it [m/s2].
 CRUISE_ACCEL = 0.5
 
-_Positive = Annotated[float, Field(gt=0)]
-_NonNegative = Annotated[float, Field(ge=0)]
-
 
 class IdmMobilFile(FileModel):
     """The keys of `idm_mobil` in a scenario; the defaults are those of the published rule-based baseline."""
 
-    desired_speed_mps: _Positive = 30.0
-    min_gap_m: _NonNegative = 2.0
-    time_gap_s: _NonNegative = 1.5
-    accel_mps2: _Positive = 8.0
-    decel_mps2: _Positive = 4.0
-    exponent: _Positive = 6.0
-    decel_max_mps2: _Positive = 5.0
-    lateral_period_s: _Positive = 0.6
-    politeness: _NonNegative = 0.3
-    threshold_mps2: _NonNegative = 0.10
-    safe_decel_mps2: _Positive = 3.0
-    leader_range_m: _NonNegative = 95.0
+    desired_speed_mps: Positive = 30.0
+    min_gap_m: NonNegative = 2.0
+    time_gap_s: NonNegative = 1.5
+    accel_mps2: Positive = 8.0
+    decel_mps2: Positive = 4.0
+    exponent: Positive = 6.0
+    decel_max_mps2: Positive = 5.0
+    lateral_period_s: Positive = 0.6
+    politeness: NonNegative = 0.3
+    threshold_mps2: NonNegative = 0.10
+    safe_decel_mps2: Positive = 3.0
+    leader_range_m: NonNegative = 95.0
     forbidden_lanes: list[int] = Field(default_factory=list)
 
     def idm(self) -> Idm:
@@ -74,7 +71,7 @@ class LaneChangeMemory:
 
 @dataclass(frozen=True)
 class IdmMobilPlanner:
-    """The published rule-based baseline: IDM along the road, MOBIL across it (docs/formulation.md, section 12).
+    """The published rule-based baseline: IDM along the road, MOBIL across it (docs/formulation.md, section 13).
 
     The published loop names a step by its end: what it does "at 6.0 s" it decides from everybody's state at
     5.85 s. So a lane change may begin in every step that ENDS at a multiple of the lateral period, and no

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.planning.corridors import BoolArray
+from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, BoolArray
 from sumo_hmdp.planning.decide import Answer
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import Motion
@@ -22,7 +22,7 @@ class Contact:
     """What ends every plan that begins with one action.
 
     Attributes:
-        step: the last step by whose end there is contact whatever the ego does.
+        step: by the end of which there is contact whatever the ego does.
         vehicle_ids: whom it meets there, by one plan or another.
     """
 
@@ -93,14 +93,16 @@ class _Meeting:
         self._problem, self._answer = problem, answer
         branches = answer.branches
         occupied = occupied_lanes(problem, branches)
-        lanes = np.arange(1, problem.road.lane_count + 1)
-        now = np.array([[lane in present_lanes(problem, v.state) for lane in lanes] for v in problem.vehicles], dtype=bool)
-        now = now.reshape(len(problem.vehicles), len(lanes))[branches.vehicle]
+        now = np.zeros((len(problem.vehicles), problem.road.lane_count), dtype=bool)
+        for row, vehicle in zip(now, problem.vehicles, strict=True):
+            row[[lane - 1 for lane in present_lanes(problem, vehicle.state)]] = True
         # Shapes (B, 1 + H, lanes) and (B, 1 + H): the present comes first.
-        self._occupied = np.concatenate([now[:, None, :], occupied], axis=1)
+        self._occupied = np.concatenate([now[branches.vehicle, None, :], occupied], axis=1)
         x_now = np.array([v.state.x for v in problem.vehicles])[branches.vehicle]
         self._x = np.column_stack([x_now, branches.x])
         self._contact: dict[float, Clearance] = {}
+        # The same slack as that of the windows.
+        self._tolerance = DISTANCE_TOLERANCE + UNIT_TOLERANCE * answer.lattice.unit
 
     def met(self, k: int, before: _State, after: _State) -> BoolArray:
         """Tell which branches are met in the step from k to k + 1, shape (B,)."""
@@ -110,15 +112,13 @@ class _Meeting:
         shared = self._shared(k + 1, after)
         ahead = x_after > self._x[:, k + 1]
         contact = self._clearance(after.motion.speed)
-        bound = np.where(ahead, contact.ahead[:, k], contact.behind[:, k]) - 2 * DISTANCE_TOLERANCE
+        bound = np.where(ahead, contact.ahead[:, k], contact.behind[:, k]) - self._tolerance
         touches = np.abs(x_after - self._x[:, k + 1]) < bound
         passes = self._shared(k, before) & (ahead != (x_before > self._x[:, k]))
-        met: BoolArray = shared & (touches | passes)
-        return met
+        return np.asarray(shared & (touches | passes))
 
     def _shared(self, step: int, state: _State) -> BoolArray:
-        shared: BoolArray = self._occupied[:, step, [lane - 1 for lane in state.lanes.occupied]].any(axis=1)
-        return shared
+        return np.asarray(self._occupied[:, step, [lane - 1 for lane in state.lanes.occupied]].any(axis=1), dtype=bool)
 
     def _clearance(self, speed: float) -> Clearance:
         if speed not in self._contact:

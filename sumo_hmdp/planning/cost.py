@@ -78,42 +78,60 @@ def next_speed(lattice: EgoLattice, speed: float, mode: int) -> float:
 
 
 def terminal_table(preferences: Preferences, lattice: EgoLattice, lane_count: int) -> FloatArray:
-    """Tabulate the cost-to-go J_H of every end of the horizon, all rolled out together.
+    """Tabulate the cost-to-go J_H of every end of the horizon, all together.
+
+    Once lane and mode are what the baseline wants, only the speed is left, and its cost has a closed form; before
+    that, at most lane_count + 1 steps are rolled out.
 
     Returns:
-        Shape (lanes, 2 H + 1, 2, 3): lane - 1, level n + H, phase, mode + 1.
+        Shape (lanes, 2 H + 1, phases, 3): lane - 1, level n + H, phase, mode + 1; one phase unless stopping.
 
     Raises:
-        ValueError: if the goal mode is not reached from somewhere.
+        ValueError: if the goal mode cannot be reached.
     """
+    if preferences.speed_deadband + SPEED_TOLERANCE < lattice.speed_step / 2:
+        raise ValueError(UNREACHABLE)
     H = lattice.steps
-    shape = (lane_count, 2 * H + 1, 2, 3)
+    shape = (lane_count, 2 * H + 1, 1 + lattice.stopping, 3)
     lane, level, phase, mode = (index.ravel() for index in np.indices(shape))
     lane, level, mode = lane + 1, level - H, mode - 1
-    rolling = lattice.speed + lattice.speed_step * level
     rested = lattice.speed_step * np.maximum(lattice.levels_to_rest + level, 0)
-    speed = np.where(phase == 1, rested, rolling)
+    speed = np.where(phase == 1, rested, lattice.speed + lattice.speed_step * level)
     costs = np.array(preferences.maneuver_cost)[::-1]
     band = preferences.speed_deadband + SPEED_TOLERANCE
-    goal = preferences.goal_lane
-    total, todo = np.zeros(lane.size), np.arange(lane.size)
-    for _ in range(MAX_ROLLOUT_STEPS):
+    goal = lane if preferences.goal_lane is None else np.full_like(lane, preferences.goal_lane)
+    total = np.zeros(lane.size)
+    for _ in range(lane_count + 2):
         error = speed - preferences.desired_speed
         wanted = np.where(np.abs(error) <= band, 0, -np.sign(error)).astype(np.int64)
-        lateral = np.zeros_like(lane) if goal is None else np.sign(goal - lane)
-        left = np.flatnonzero((wanted != 0) | (mode != 0) | (lateral != 0))
-        if not len(left):
-            return total.reshape(shape)
-        todo, lateral = todo[left], lateral[left]
-        mode = mode[left] + np.sign(wanted[left] - mode[left])
-        lane = lane[left] + lateral
-        speed = speed[left] + mode * lattice.speed_step
+        lateral = np.sign(goal - lane)
+        settled = (lateral == 0) & (mode == wanted)
+        if settled.all():
+            break
+        moving = ~settled
+        mode = np.where(moving, mode + np.sign(wanted - mode), mode)
+        lane = lane + lateral
+        speed = np.where(moving, speed + mode * lattice.speed_step, speed)
         if lattice.stopping:
             speed = np.maximum(speed, 0.0)
-        total[todo] += costs[mode + 1, lateral + 1] + speed_cost(preferences, speed)
-        if goal is not None:
-            total[todo] += preferences.lane_weight * np.abs(lane - goal)
-    raise ValueError(UNREACHABLE)
+        stage = costs[mode + 1, lateral + 1] + speed_cost(preferences, speed)
+        total += np.where(moving, stage + preferences.lane_weight * np.abs(lane - goal), 0.0)
+    return (total + _speed_to_go(preferences, lattice, speed)).reshape(shape)
+
+
+def _speed_to_go(preferences: Preferences, lattice: EgoLattice, speed: FloatArray) -> FloatArray:
+    """Return the cost of bringing the speed into the band in the mode that does it, and of cruising then.
+
+    With e outside the band and a speed step d it takes m = ceil(e / d) steps, whose ends are e - d, ..., e - (m - 1) d
+    and 0 outside the band.
+    """
+    error = speed - preferences.desired_speed
+    outside = np.abs(error) - preferences.speed_deadband
+    steps = np.where(outside > SPEED_TOLERANCE, np.ceil((outside - SPEED_TOLERANCE) / lattice.speed_step), 0.0)
+    left = (steps - 1) * outside - lattice.speed_step * (steps - 1) * steps / 2
+    each = np.where(error < 0, preferences.maneuver(1, 0), preferences.maneuver(-1, 0))
+    cost = steps * each + preferences.speed_weight * left + preferences.maneuver(0, 0)
+    return np.where(steps > 0, cost, 0.0)
 
 
 def objective(preferences: Preferences, lattice: EgoLattice, start_lane: int, sequence: ManeuverSequence) -> float:

@@ -2,13 +2,15 @@
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
+from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, predict
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import Corridors, carve, clearances
@@ -17,7 +19,7 @@ from sumo_hmdp.planning.distance import safe_clearance
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
 from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
-from sumo_hmdp.planning.optimiser import best_sequence, least_violation
+from sumo_hmdp.planning.optimiser import DeadlineError, best_sequence, least_violation
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.risk import margins
 from sumo_hmdp.planning.search import search_best, search_relaxed
@@ -42,7 +44,12 @@ class SolverPair:
 
 MILP = SolverPair("milp", best_sequence, least_violation)
 SEARCH = SolverPair("search", search_best, search_relaxed)
-SOLVERS = {pair.name: pair for pair in (MILP, SEARCH)}
+PAIRS = {pair.name: pair for pair in (MILP, SEARCH)}
+BOTH = "both"
+SOLVERS = (*PAIRS, BOTH)
+
+# Two proofs of one optimum may differ by what HiGHS calls equal.
+OBJECTIVE_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -99,58 +106,80 @@ class Answer:
     solve_time: float
 
 
-def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
+class SolversDisagreeError(SumoHmdpError):
+    """Two exact solvers gave different answers to one problem: one of them is wrong.
+
+    Attributes:
+        problem: the decision problem.
+    """
+
+    def __init__(self, message: str, problem: DecisionProblem) -> None:
+        super().__init__(message)
+        self.problem = problem
+
+
+def answer(problem: DecisionProblem, solver: str = "milp") -> Answer:
     """Decide: the cheapest safe plan, else the least unsafe one without contact, else brake in lane.
 
     Args:
         problem: the decision problem.
-        solver: how to solve it.
+        solver: a name of `SOLVERS`; `both` solves twice and compares.
 
     Raises:
         planning.optimiser.SolverError: if the solver proves neither an optimum nor infeasibility.
+        planning.risk.RiskBudgetError: if pruning leaves nothing of the risk level.
+        SolversDisagreeError: if `both` solvers differ.
     """
+    if solver == BOTH:
+        first, second = (_answer(problem, pair) for pair in (MILP, SEARCH))
+        _require_agreement(problem, first, second)
+        return replace(first, solver=BOTH, solve_time=first.solve_time + second.solve_time)
+    return _answer(problem, PAIRS[solver])
+
+
+def _answer(problem: DecisionProblem, solver: SolverPair) -> Answer:
+    """Predict, tighten, carve, solve."""
     started = time.perf_counter()
     lattice = ego_lattice(problem)
     branches = predict(problem.vehicles, problem.settings.prediction())
     margin = margins(branches, problem.settings)
     corridors = carve(problem, lattice, branches, clearances(problem, branches, margin, relaxed=False))
-    status, reason, violation = Status.OPTIMAL, "", 0.0
-    sequence = solver.best(problem, lattice, corridors)
-    if sequence is None:
-        status = Status.RELAXED
-        contact = clearances(problem, branches, margin, relaxed=True)
-        sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, contact))
-    if sequence is None:
-        brake, blocker = braking_demand(problem, branches)
-        reason = (
-            f"every plan means contact or leaves the speed limits; brake in lane for {blocker or 'no vehicle ahead'}"
-        )
-        return Answer(
-            status=Status.FALLBACK,
-            objective=None,
-            violation=None,
-            reason=reason,
-            lateral=Lateral.KEEP,
-            mode=Mode.DECELERATE,
-            brake=brake,
-            plan=(),
-            sequence=None,
-            lattice=lattice,
-            branches=branches,
-            margin=margin,
-            corridors=corridors,
-            solver=solver.name,
-            solve_time=time.perf_counter() - started,
-        )
-    plan = make_plan(problem, lattice, sequence)
+    failure = "every plan means contact or leaves the speed limits"
+    status, sequence = Status.OPTIMAL, None
+    try:
+        sequence = solver.best(problem, lattice, corridors)
+        if sequence is None:
+            status = Status.RELAXED
+            contact = clearances(problem, branches, margin, relaxed=True)
+            sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, contact))
+    except DeadlineError:
+        failure = f"no plan was known when the deadline of {problem.settings.period:g} s came"
+    common: dict[str, Any] = {
+        "lattice": lattice,
+        "branches": branches,
+        "margin": margin,
+        "corridors": corridors,
+        "solver": solver.name,
+    }
+    found = _fallback(problem, failure, common) if sequence is None else _planned(problem, status, sequence, common)
+    return replace(found, solve_time=time.perf_counter() - started)
+
+
+def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequence, common: dict[str, Any]) -> Answer:
+    """Return the answer that follows a sequence of maneuvers."""
+    plan = make_plan(problem, common["lattice"], sequence)
+    violation, reason = 0.0, ""
     if status is Status.RELAXED:
-        violation, worst = violation_of(problem, plan, branches, margin)
+        violation, worst = violation_of(problem, plan, common["branches"], common["margin"])
         reason = (
             f"no plan keeps every distance; {worst.vehicle_id} at step {worst.step} is {worst.metres:.2f} m too near"
         )
+    if not sequence.proven:
+        status = Status.INCUMBENT if status is Status.OPTIMAL else status
+        reason = f"{reason}; " * bool(reason) + "the deadline came before the plan was proven to be the best"
     return Answer(
         status=status,
-        objective=objective(problem.settings.preferences, lattice, problem.ego.lane, sequence),
+        objective=objective(problem.settings.preferences, common["lattice"], problem.ego.lane, sequence),
         violation=violation,
         reason=reason,
         lateral=sequence.laterals[0],
@@ -158,13 +187,44 @@ def answer(problem: DecisionProblem, solver: SolverPair = MILP) -> Answer:
         brake=None,
         plan=plan,
         sequence=sequence,
-        lattice=lattice,
-        branches=branches,
-        margin=margin,
-        corridors=corridors,
-        solver=solver.name,
-        solve_time=time.perf_counter() - started,
+        solve_time=0.0,
+        **common,
     )
+
+
+def _fallback(problem: DecisionProblem, failure: str, common: dict[str, Any]) -> Answer:
+    """Return the answer that brakes in lane."""
+    brake, blocker = braking_demand(problem, common["branches"])
+    return Answer(
+        status=Status.FALLBACK,
+        objective=None,
+        violation=None,
+        reason=f"{failure}; brake in lane for {blocker or 'no vehicle ahead'}",
+        lateral=Lateral.KEEP,
+        mode=Mode.DECELERATE,
+        brake=brake,
+        plan=(),
+        sequence=None,
+        solve_time=0.0,
+        **common,
+    )
+
+
+def _require_agreement(problem: DecisionProblem, first: Answer, second: Answer) -> None:
+    """Compare two answers: status, violation and cost must agree, the plans need not."""
+
+    def differ(a: float | None, b: float | None, tolerance: float) -> bool:
+        return (a is None) != (b is None) or (a is not None and b is not None and abs(a - b) > tolerance)
+
+    if (
+        first.status is not second.status
+        or differ(first.violation, second.violation, 10 * DISTANCE_TOLERANCE)
+        or differ(first.objective, second.objective, OBJECTIVE_TOLERANCE)
+    ):
+        told = " but ".join(
+            f"{a.solver} says {a.status}, objective {a.objective}, violation {a.violation} m" for a in (first, second)
+        )
+        raise SolversDisagreeError(f"both solvers must agree, {told}", problem)
 
 
 def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 
-import numpy as np
-
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep
 from sumo_hmdp.planning.contacts import Contact, first_contact
@@ -121,7 +119,7 @@ class _Judge:
             objective=objective(problem.settings.preferences, answer.lattice, problem.ego.lane, sequence),
             violation=violation,
             worst=worst,
-            plan=answer.plan if action.chosen else plan,
+            plan=answer.plan if action.chosen and answer.plan else plan,
         )
 
 
@@ -137,5 +135,6 @@ def _objections(problem: DecisionProblem, answer: Answer, lateral: Lateral, mode
         yield f"lane {lane} is forbidden"
     motion = answer.lattice.walk((mode,))[0]
     if not answer.lattice.allows(motion.level, motion.phase):
-        limit = ("under the least", settings.speed_min) if motion.speed < settings.speed_min else ("over the greatest", settings.speed_max)
-        yield f"{motion.speed:.2f} m/s is {limit[0]} speed, {limit[1]:g} m/s"
+        slow = motion.speed < settings.speed_min
+        limit = f"below speed_min, {settings.speed_min:g}" if slow else f"above speed_max, {settings.speed_max:g}"
+        yield f"{motion.speed:.2f} m/s is {limit} m/s"

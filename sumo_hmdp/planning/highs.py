@@ -209,13 +209,19 @@ class MilpResult:
         """Tell whether the values are a proven optimum."""
         return self.status == "Optimal"
 
+    @property
+    def timed_out(self) -> bool:
+        """Tell whether the time limit ended the solve."""
+        return self.status == "Time limit reached"
 
-def solve(compiled: CompiledModel, data: FloatArray) -> MilpResult:
+
+def solve(compiled: CompiledModel, data: FloatArray, time_limit: float = highspy.kHighsInf) -> MilpResult:
     """Fill a compiled model in and solve it.
 
     Args:
         compiled: the model.
         data: one number a slot.
+        time_limit: of the solve [s]; what is known then is returned.
     """
     values = compiled.coefficients.at(data)
     matrix = sparse.csc_array(
@@ -238,6 +244,8 @@ def solve(compiled: CompiledModel, data: FloatArray) -> MilpResult:
         highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in compiled.integer
     ]
     solver = _solver()
+    # HiGHS counts the time of all solves in its life.
+    solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
     solver.passModel(lp)
     solver.run()
     status = solver.modelStatusToString(solver.getModelStatus())

@@ -112,6 +112,7 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
         data.may_stop = pyo.Var()
         data.stands_at_start = pyo.Var()
         data.lost_share = pyo.Var()
+        data.lost_speed = pyo.Var()
         data.lost_share_squared = pyo.Var()
     if shape.terminal:
         model.N = pyo.RangeSet(-shape.steps, shape.steps)
@@ -161,10 +162,22 @@ def speed_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 def speed_gain(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Return (v_k - v_0) / (accel T); a stop loses less than a speed step."""
-    gain = sum(mode_value(model, j) for j in range(1, k + 1))
+    gain = whole_speed_steps(model, k)
+    return gain + model.data.lost_share * has_stopped(model, k) if hasattr(model, "stop") else gain
+
+
+def speed_gained(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Return v_k - v_0 [m/s]."""
+    gained = model.data.speed_step * whole_speed_steps(model, k)
+    return gained + model.data.lost_speed * has_stopped(model, k) if hasattr(model, "stop") else gained
+
+
+def whole_speed_steps(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Return by how many speed steps v_k is above v_0, but for the part of a step that a stop does not lose."""
+    steps = sum(mode_value(model, j) for j in range(1, k + 1))
     if hasattr(model, "stop"):
-        gain += sum(model.data.lost_share * model.stop[j] + model.stand[j] for j in range(1, k + 1))
-    return gain
+        steps += sum(model.stand[j] for j in range(1, k + 1))
+    return steps
 
 
 def lattice_point(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -285,12 +298,12 @@ def speed_not_above(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 def excess_of_high_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: p_k >= v_k - v_des - deadband."""
-    return model.p[k] >= model.data.speed_error + model.data.speed_step * speed_gain(model, k) - model.data.deadband
+    return model.p[k] >= model.data.speed_error + speed_gained(model, k) - model.data.deadband
 
 
 def excess_of_low_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: p_k >= v_des - v_k - deadband."""
-    return model.p[k] >= -model.data.speed_error - model.data.speed_step * speed_gain(model, k) - model.data.deadband
+    return model.p[k] >= -model.data.speed_error - speed_gained(model, k) - model.data.deadband
 
 
 def end_lane(model: pyo.ConcreteModel, lane: int) -> pyo.Expression:

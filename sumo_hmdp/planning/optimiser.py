@@ -33,16 +33,26 @@ class SolverError(RuntimeError):
     """The solver stopped without proving an optimum or infeasibility."""
 
 
+class DeadlineError(RuntimeError):
+    """An enforced deadline came before any plan was found."""
+
+
 def best_sequence(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
     """Return the cheapest sequence of maneuvers inside the corridors, None where there is none.
 
     Raises:
         SolverError: if HiGHS proves neither.
+        DeadlineError: if the deadline is enforced and comes first.
     """
     if not corridors.passable:
         return None
-    compiled = compile_model(_shape(problem, lattice, corridors, relaxed=False))
-    return _sequence(compiled, solve(compiled, fill(compiled, problem, lattice, corridors)))
+    compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=False))
+    return _sequence(compiled, solve(compiled, fill(compiled, problem, lattice, corridors), _time_limit(problem)))
+
+
+def _time_limit(problem: DecisionProblem) -> float:
+    """Return how long a solve may take [s]."""
+    return problem.settings.period if problem.settings.enforce_deadline else np.inf
 
 
 def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
@@ -58,10 +68,11 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
 
     Raises:
         SolverError: if HiGHS proves neither.
+        DeadlineError: if the deadline is enforced and comes first.
     """
     if not corridors.passable:
         return None
-    compiled = compile_model(_shape(problem, lattice, corridors, relaxed=True))
+    compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=True))
     data = fill(compiled, problem, lattice, corridors)
     violation_only = data.copy()
     for name in ("maneuver_cost", "lane_cost", "speed_weight", "terminal"):
@@ -69,15 +80,17 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
             violation_only[compiled.slots[name]] = 0.0
     violation_only[compiled.slots["violation_factor"]] = 1.0
     violation_only[compiled.slots["violation_cap"]] = np.inf
-    first = solve(compiled, violation_only)
+    first = solve(compiled, violation_only, _time_limit(problem))
     if _sequence(compiled, first) is None or first.values is None:
         return None
     least = sum(first.values[compiled.columns[name]].sum() for name in ("short_behind", "short_ahead"))
     data[compiled.slots["violation_cap"]] = least + DISTANCE_TOLERANCE / lattice.unit
-    return _sequence(compiled, solve(compiled, data))
+    second = solve(compiled, data, _time_limit(problem))
+    # A violation that was not proven least is still a cap that the first solution meets.
+    return _sequence(compiled, first if second.values is None and second.timed_out else second)
 
 
-def _shape(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
+def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
     needed = max(len(stage.lane) for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
@@ -129,12 +142,13 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         values["may_stop"] = lattice.rest_share > 0
         values["stands_at_start"] = lattice.rest_share == 0
         values["lost_share"] = 1 - lattice.rest_share
+        values["lost_speed"] = lattice.speed_step * (1 - lattice.rest_share)
         values["lost_share_squared"] = (1 - lattice.rest_share) ** 2
     if shape.terminal:
         values["in_lane"] = windows["lane"][-1] == np.arange(1, shape.lanes + 1)[:, None]
         table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
-        # The model has modes in the order accelerate, cruise, decelerate, and phase 1 only where it can be reached.
-        values["terminal"] = table[:, :, : 1 + shape.stopping, ::-1]
+        # The model has modes in the order accelerate, cruise, decelerate.
+        values["terminal"] = table[:, :, :, ::-1]
     data = np.zeros(compiled.slot_count)
     for name, place in compiled.slots.items():
         if name in values:
@@ -146,7 +160,9 @@ def _sequence(compiled: CompiledModel, result: MilpResult) -> ManeuverSequence |
     """Read the maneuvers off an optimal solution; None where infeasibility was proven."""
     if result.status == "Infeasible":
         return None
-    if not result.optimal or result.values is None:
+    if result.timed_out and result.values is None:
+        raise DeadlineError
+    if not (result.optimal or result.timed_out) or result.values is None:
         raise SolverError(f"HiGHS must prove an optimum or infeasibility, got {result.status!r}")
     chosen = result.values[compiled.columns["u"]].reshape(compiled.shape.steps, len(MODES), len(LATERALS))
     laterals, modes = [], []
@@ -154,4 +170,4 @@ def _sequence(compiled: CompiledModel, result: MilpResult) -> ManeuverSequence |
         mode, lateral = np.unravel_index(int(step.argmax()), step.shape)
         modes.append(Mode(MODES[mode]))
         laterals.append(Lateral(LATERALS[lateral]))
-    return ManeuverSequence(tuple(laterals), tuple(modes))
+    return ManeuverSequence(tuple(laterals), tuple(modes), proven=result.optimal)

@@ -15,7 +15,7 @@ from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
 from sumo_hmdp.planning.audit import Audit, audit
 from sumo_hmdp.planning.corridors import forbidden_intervals
-from sumo_hmdp.planning.decide import MILP, Answer, SolverPair, answer
+from sumo_hmdp.planning.decide import Answer, answer
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
 
@@ -62,7 +62,7 @@ class HmdpPlanner:
         beliefs: by vehicle id.
         default_belief: of a vehicle that is not listed; None makes such a vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
-        solver: how a decision is solved.
+        solver: a name of `planning.decide.SOLVERS`.
         name: as in the registry.
     """
 
@@ -70,7 +70,7 @@ class HmdpPlanner:
     beliefs: Mapping[str, Belief]
     default_belief: Belief | None = None
     sensing_range: float = 200.0
-    solver: SolverPair = MILP
+    solver: str = "milp"
     name: str = "hmdp_mpc"
 
     @property

@@ -111,6 +111,8 @@ class PlannerSettings:
         time_headway: factor of the ego's speed under `time_headway` [s].
         rss: parameters of `rss`.
         stopping: whether the ego may come to rest within a step, as the others may.
+        enforce_deadline: whether a solve ends after one period with what it has; the answer then depends on the
+            machine's speed.
     """
 
     period: float
@@ -133,6 +135,7 @@ class PlannerSettings:
     time_headway: float = 1.5
     rss: RssParameters = field(default_factory=RssParameters)
     stopping: bool = False
+    enforce_deadline: bool = False
 
     def prediction(self) -> PredictionSettings:
         """Return what the prediction needs of this."""
@@ -170,7 +173,9 @@ class ManeuverSequence:
     Attributes:
         laterals: lateral action of each step.
         modes: mode during each step, which is the mode after its action.
+        proven: whether it is proven to be the best; false only for what was known at an enforced deadline.
     """
 
     laterals: tuple[Lateral, ...]
     modes: tuple[Mode, ...]
+    proven: bool = True

@@ -75,6 +75,7 @@ class PlannerFile(FileModel):
     rss_brake_min_mps2: Positive = 4.0
     rss_brake_max_mps2: Positive = 8.0
     stopping: bool = False
+    enforce_deadline: bool = False
 
     def settings(self) -> PlannerSettings:
         """Return the settings as the planner uses them."""
@@ -110,6 +111,7 @@ class PlannerFile(FileModel):
                 self.rss_response_time_s, self.rss_accel_max_mps2, self.rss_brake_min_mps2, self.rss_brake_max_mps2
             ),
             stopping=self.stopping,
+            enforce_deadline=self.enforce_deadline,
         )
 
 
@@ -458,6 +460,7 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
             "rss_brake_min_mps2": settings.rss.brake_min,
             "rss_brake_max_mps2": settings.rss.brake_max,
             "stopping": settings.stopping,
+            "enforce_deadline": settings.enforce_deadline,
         },
         "ego": _state_document(problem.ego),
         "vehicles": [_vehicle_document(vehicle) for vehicle in problem.vehicles],

@@ -8,7 +8,6 @@ from typing import Any
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
-from sumo_hmdp.planning.decide import SOLVERS
 from sumo_hmdp.planning.planner import Belief, HmdpPlanner
 from sumo_hmdp.planning.problem_file import PlannerFile
 from sumo_hmdp.validation import FileModel, nearest
@@ -68,7 +67,7 @@ def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlan
         beliefs=context.beliefs,
         default_belief=context.default_belief,
         sensing_range=parameters.sensing_range_m,
-        solver=SOLVERS[context.solver],
+        solver=context.solver,
     )
 
 

@@ -17,7 +17,7 @@ from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 
-FirstAction = tuple[Lateral, Mode]
+Maneuver = tuple[Lateral, Mode]
 
 _MODES = np.array([-1, 0, 1])
 
@@ -80,7 +80,7 @@ def _speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray
 
 
 def search_best(
-    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: FirstAction | None = None
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: Maneuver | None = None
 ) -> ManeuverSequence | None:
     """Return the cheapest sequence of maneuvers inside the corridors, None where there is none.
 
@@ -95,7 +95,7 @@ def search_best(
 
 
 def search_relaxed(
-    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: FirstAction | None = None
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, first: Maneuver | None = None
 ) -> ManeuverSequence | None:
     """Return the sequence with the least total violation and, among those, the least cost; None where contact is sure.
 
@@ -134,7 +134,7 @@ def search_relaxed(
 
 
 def _usable(
-    problem: DecisionProblem, corridors: Corridors, tree: list[ModeTree], first: FirstAction | None
+    problem: DecisionProblem, corridors: Corridors, tree: list[ModeTree], first: Maneuver | None
 ) -> list[BoolArray]:
     """Tell per step which windows each prefix may use: it is inside of them and begins as asked, (P, N) each."""
     usable = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]

@@ -93,7 +93,8 @@ def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) ->
     except Exception as error:  # whatever breaks a run must leave a record of it
         if isinstance(error, InputError) and not recorder.steps:
             raise
-        status, reason, trace = RunStatus.FAILED, f"{type(error).__name__}: {error}", traceback.format_exc()
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        status, reason, trace = RunStatus.FAILED, text, traceback.format_exc()
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contacts)
     return _record(run, recorder, status, reason, trace, started)

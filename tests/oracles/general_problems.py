@@ -22,6 +22,13 @@ HORIZONS = {2: 0.3, 3: 0.3, 4: 0.2, 5: 0.12, 6: 0.08}
 
 def random_general_problem(rng, *, horizon=None, vehicles=None, risk_allocation=None):
     """Draw a problem from a numpy Generator; what is given is not drawn."""
+    while True:
+        problem = _draw(rng, horizon, vehicles, risk_allocation)
+        if problems.dead_state(problem) is None:
+            return problem
+
+
+def _draw(rng, horizon, vehicles, risk_allocation):
     pick, chance = problems._pick, problems._chance
     horizon = horizon or pick(rng, list(HORIZONS), list(HORIZONS.values()))
     if vehicles is None:

@@ -13,7 +13,7 @@ from sumo_hmdp.hmdp.branches import PredictedVehicle
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import Policy
 from sumo_hmdp.planning.audit import Cause, audit
-from sumo_hmdp.planning.decide import SEARCH, answer
+from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.problem import (
     DecisionProblem,
     DistanceRule,
@@ -68,7 +68,7 @@ def test_without_traffic_the_cost_falls_by_at_least_the_stage_cost_until_the_goa
     problem = DecisionProblem(ROAD, config, ego, ())
     before = None
     for _ in range(60):
-        found = answer(problem, SEARCH)
+        found = answer(problem, "search")
         checked = audit(problem, found, before)
         assert found.status is Status.OPTIMAL
         if before is not None:
@@ -126,7 +126,7 @@ def test_the_shifted_plan_stays_feasible_in_traffic_that_moves_as_predicted(seed
     problem = DecisionProblem(ROAD, config, ego, random_traffic(rng, deterministic))
     before, checks, falls = None, 0, 0
     for _ in range(40):
-        found = answer(problem, SEARCH)
+        found = answer(problem, "search")
         checked = audit(problem, found, before)
         if checked.shifted_feasible is False:
             # Nothing was planned beyond the horizon: only there may the baseline's action meet traffic.
@@ -155,11 +155,11 @@ def two_decisions(first, second, ego_x=None, **changes):
     config = settings(rng, preferences=likes, period=0.5, horizon_steps=3, safe_distance=30.0, **changes)
     ego = VehicleState("ego", 0.0, 0.0, 20.0, 2)
     problem = DecisionProblem(ROAD, config, ego, first)
-    found = answer(problem, SEARCH)
+    found = answer(problem, "search")
     following = replace(problem, ego=advance_ego(problem, found), vehicles=second)
     if ego_x is not None:
         following = replace(following, ego=replace(following.ego, x=ego_x))
-    return audit(following, answer(following, SEARCH), (problem, found))
+    return audit(following, answer(following, "search"), (problem, found))
 
 
 def test_a_shifted_plan_that_fails_says_why():
@@ -188,7 +188,7 @@ def test_a_branch_that_was_pruned_is_named():
 def test_nothing_is_said_without_a_plan_before():
     rng = np.random.default_rng(0)
     problem = DecisionProblem(ROAD, settings(rng), VehicleState("ego", 0.0, 0.0, 20.0, 2), ())
-    found = answer(problem, SEARCH)
+    found = answer(problem, "search")
     checked = audit(problem, found, None)
     assert checked.shifted_feasible is None
     assert checked.objective_bound is None
@@ -210,7 +210,7 @@ def test_an_answer_is_feasible_by_the_audit_s_own_count(occupancy, rule):
         )
         ego = VehicleState("ego", 0.0, float(rng.uniform(-4, 4)), float(rng.uniform(0, 25)), 2)
         problem = DecisionProblem(ROAD, config, ego, random_traffic(rng, deterministic=False))
-        found = answer(problem, SEARCH)
+        found = answer(problem, "search")
         if found.status is Status.OPTIMAL:
             optimal += 1
             assert first_breach(problem, found, found.sequence) is None
