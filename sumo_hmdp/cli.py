@@ -19,6 +19,8 @@ from sumo_hmdp.validation import nearest
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from sumo_hmdp.planning.decide import Answer
+    from sumo_hmdp.planning.problem import DecisionProblem
     from sumo_hmdp.scenario.load import ReadyRun
     from sumo_hmdp.study.run import RunRecord
 
@@ -83,6 +85,13 @@ SolverOption = Annotated[str, typer.Option(help="How a decision is solved; `sumo
 def decide(
     files: Annotated[list[Path], typer.Argument(help="Decision problems, JSON.", show_default=False)],
     solver: SolverOption = "milp",
+    explain: Annotated[  # noqa: FBT002 - a flag of the command line
+        bool,
+        typer.Option("--explain", help="Tell on standard error what was predicted and why no other action was taken."),
+    ] = False,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw the decision, lanes over time: .svg, .png or .pdf. Takes a single file.")
+    ] = None,
 ) -> None:
     """Solve decision problems from files; one line of JSON each, in the order of the files.
 
@@ -96,18 +105,50 @@ def decide(
 
     if solver not in SOLVERS:
         raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
-    clean = True
+    if figure is not None:
+        _require_drawable(figure, len(files))
+    code = 0
     for file in files:
         try:
             problem = read_problem(file)
         except InputError as error:
             _complain(error)
-            clean = False
+            code = BAD_INPUT
             continue
-        sys.stdout.write(json.dumps(answer_document(answer(problem, solver))) + "\n")
+        try:
+            found = answer(problem, solver)
+        except SumoHmdpError as error:
+            _say(f"{file}: {error}")
+            code = code or FAILED
+            continue
+        sys.stdout.write(json.dumps(answer_document(found), allow_nan=False) + "\n")
         sys.stdout.flush()
-    if not clean:
-        raise typer.Exit(BAD_INPUT)
+        if explain or figure is not None:
+            _explain(file, problem, found, figure, told=explain)
+    raise typer.Exit(code)
+
+
+def _require_drawable(figure: Path, file_count: int) -> None:
+    """Refuse a figure that cannot be drawn before anything is solved."""
+    from sumo_hmdp.report.figures import figure_path
+
+    if file_count > 1:
+        raise InputError([f"--figure: must be given with a single file, got {file_count}. Call once for each file"])
+    figure_path(figure)
+
+
+def _explain(file: Path, problem: "DecisionProblem", found: "Answer", figure: Path | None, *, told: bool) -> None:
+    """Tell why an answer is as it is, draw it, or both."""
+    from sumo_hmdp.planning.explain import explain
+    from sumo_hmdp.report.explain_text import explanation_text
+
+    explanation = explain(problem, found)
+    if told:
+        typer.echo(explanation_text(explanation, str(file)), err=True)
+    if figure is not None:
+        from sumo_hmdp.report.figures import write_decision_figure
+
+        write_decision_figure(figure, explanation)
 
 
 @app.command()

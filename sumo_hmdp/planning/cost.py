@@ -4,6 +4,7 @@ from typing import overload
 
 import numpy as np
 
+from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import SPEED_TOLERANCE, ManeuverSequence, Preferences
@@ -24,9 +25,15 @@ def speed_cost(preferences: Preferences, speed: float | FloatArray) -> float | F
     return cost if isinstance(speed, np.ndarray) else float(cost)
 
 
-def lane_cost(preferences: Preferences, lane: int) -> float:
-    """Return lane_weight * |lane - goal_lane|, 0 without a goal lane."""
-    return 0.0 if preferences.goal_lane is None else preferences.lane_weight * abs(lane - preferences.goal_lane)
+@overload
+def lane_cost(preferences: Preferences, lane: int) -> float: ...
+@overload
+def lane_cost(preferences: Preferences, lane: IntArray) -> FloatArray: ...
+def lane_cost(preferences: Preferences, lane: int | IntArray) -> float | FloatArray:
+    """Return lane_weight * |lane - goal_lane| for lanes, any shape; 0 without a goal lane."""
+    goal = preferences.goal_lane
+    away = np.zeros(np.shape(lane)) if goal is None else preferences.lane_weight * np.abs(np.subtract(lane, goal))
+    return away if isinstance(lane, np.ndarray) else float(away)
 
 
 def stage_cost(preferences: Preferences, *, mode: int, lateral: int, speed: float, lane: int) -> float:

@@ -38,6 +38,8 @@ OPTIONS: dict[str, Any] = {
     "mip_detect_symmetry": False,
     "mip_allow_restart": False,
 }
+# Presolving a model with fewer columns takes longer than solving it (analysis/04_decision_times.py measures it).
+PRESOLVE_FROM_COLUMNS = 200
 
 
 @dataclass(frozen=True)
@@ -244,6 +246,7 @@ def solve(compiled: CompiledModel, data: FloatArray, time_limit: float = highspy
         highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in compiled.integer
     ]
     solver = _solver()
+    solver.setOptionValue("presolve", "choose" if compiled.column_count >= PRESOLVE_FROM_COLUMNS else "off")
     # HiGHS counts the time of all solves in its life.
     solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
     solver.passModel(lp)

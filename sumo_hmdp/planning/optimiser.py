@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors
-from sumo_hmdp.planning.cost import terminal_table
+from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.milp import LATERALS, MODES, Shape
@@ -119,8 +119,7 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         for name, (attribute, slack) in _BOUNDS.items():
             windows[name][k, :count] = getattr(stage, attribute) + slack
         move[k, : stage.moves.shape[0], :count] = stage.moves
-    if preferences.goal_lane is not None:
-        windows["lane_cost"] = preferences.lane_weight * np.abs(windows["lane"] - preferences.goal_lane)
+    windows["lane_cost"] = np.asarray(lane_cost(preferences, windows["lane"].astype(np.int64)))
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {

@@ -28,8 +28,12 @@ from sumo_hmdp.planning.problem import (
 )
 from sumo_hmdp.validation import FileModel, parse, shown
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+# Beyond these no road, car or price is meant, and the arithmetic of a decision would overflow.
+Number = Annotated[float, Field(ge=-1e6, le=1e6)]
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e6)]
+Speed = Annotated[float, Field(ge=0, le=1e3)]
+Step = Annotated[float, Field(ge=1e-2, le=1e3)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 ModeName = Literal["accelerate", "cruise", "decelerate"]
 CostRow = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
@@ -45,11 +49,11 @@ class LanesFile(FileModel):
 class PlannerFile(FileModel):
     """`planner`: how to decide. Keys with a default may be left out."""
 
-    period_s: Positive
+    period_s: Step
     horizon_steps: Annotated[int, Field(ge=1, le=20)]
-    accel_mps2: Positive
-    speed_min_mps: NonNegative
-    speed_max_mps: Positive
+    accel_mps2: Step
+    speed_min_mps: Speed
+    speed_max_mps: Annotated[float, Field(gt=0, le=1e3)]
     safe_distance_m: NonNegative
     risk_level: Annotated[float, Field(gt=0, le=0.5)]
     risk_allocation: Literal["individual", "uniform", "mixture"]
@@ -57,7 +61,7 @@ class PlannerFile(FileModel):
     action_threshold: Annotated[float, Field(ge=0, lt=1)] = 0.0
     maneuver_cost: Annotated[list[CostRow], Field(min_length=3, max_length=3)]
     speed_weight: NonNegative = 0.0
-    desired_speed_mps: NonNegative = 0.0
+    desired_speed_mps: Speed = 0.0
     speed_deadband_mps: NonNegative = 0.0
     lane_weight: NonNegative = 0.0
     goal_lane: int | None = None
@@ -194,14 +198,14 @@ class NoiseFile(FileModel):
 class StateFile(FileModel):
     """The state keys of a vehicle; (x, y) is the centre of its front bumper."""
 
-    x_m: float
-    y_m: float
-    speed_mps: NonNegative
+    x_m: Number
+    y_m: Number
+    speed_mps: Speed
     lane: int
     mode: ModeName
     length_m: Positive = 4.5
     width_m: Positive = 1.8
-    lateral_speed_mps: float = 0.0
+    lateral_speed_mps: Number = 0.0
 
     def state(self, vehicle_id: str) -> VehicleState:
         """Return the state."""

@@ -162,22 +162,20 @@ def _cheapest(
 ) -> ManeuverSequence | None:
     """Return the cheapest sequence that only uses allowed windows."""
     preferences = problem.settings.preferences
+    # Rows decelerate, cruise, accelerate.
+    by_mode = np.array(preferences.maneuver_cost)[::-1]
     cost = np.zeros((1, 1))
     came_from: list[IntArray] = []
     lanes_before = np.array([problem.ego.lane])
     for stage, prefixes, usable in zip(corridors.stages, tree[1:], allowed, strict=True):
         if not len(stage.lane) or not len(prefixes.mode):
             return None
-        lateral = stage.lane - lanes_before[:, None]
-        step_cost = np.full((3, *lateral.shape), np.inf)
-        for mode in (-1, 0, 1):
-            for action in Lateral:
-                step_cost[mode + 1][stage.moves & (lateral == action)] = preferences.maneuver(mode, action)
+        lateral = np.clip(stage.lane - lanes_before[:, None], -1, 1)
+        step_cost = np.where(stage.moves, by_mode[:, lateral + 1], np.inf)
         way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
         came_from.append(way.argmin(axis=1))
-        places = np.array([lane_cost(preferences, int(lane)) for lane in stage.lane])
-        speeds = speed_cost(preferences, prefixes.speed)
-        cost = np.where(usable, way.min(axis=1) + places + speeds[:, None], np.inf)
+        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, stage.lane)
+        cost = np.where(usable, way.min(axis=1) + ends, np.inf)
         lanes_before = stage.lane
     last, leaves = corridors.stages[-1], tree[-1]
     if preferences.terminal_weight:

@@ -128,7 +128,8 @@ def _windows(explanation: Explanation) -> Iterator[str]:
         if step.reach is None:
             yield f"{head}  no admissible speed"
             continue
-        yield f"{head}{'':>6}{step.reach[0]:>10.2f}{step.reach[1]:>10.2f}  reach of the ego"
+        at = f"; windows at {step.ego_speed:.2f} m/s" if explanation.answer.corridors.levelled else ""
+        yield f"{head}{'':>6}{step.reach[0]:>10.2f}{step.reach[1]:>10.2f}  reach of the ego{at}"
         for lane in step.lanes:
             if lane.reachable:
                 yield from _lane(explanation, step, step.reach, lane)

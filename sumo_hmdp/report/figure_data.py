@@ -109,12 +109,14 @@ class LaneView:
 
     Attributes:
         forbidden: what the safe distances take.
-        safe: what is left within the ego's reach.
+        safe: what is left of it; ends may be infinite.
+        reachable: what of that is within the ego's reach.
         tracks: the vehicles that take it up at some step, in the order of the problem.
     """
 
     forbidden: tuple[Stretch, ...]
     safe: tuple[Stretch, ...]
+    reachable: tuple[Stretch, ...]
     tracks: tuple[Track | None, ...]
 
 
@@ -141,11 +143,13 @@ def lane_view(explanation: Explanation, lane: int) -> LaneView:
     """Return what is to be drawn of a lane."""
     forbidden: list[Stretch] = []
     safe: list[Stretch] = []
+    reachable: list[Stretch] = []
     for step in explanation.steps:
         forbidden += _forbidden(explanation, step, lane)
-        safe += _safe(explanation, step, lane)
+        safe += [_stretch(explanation, step.step, w.low_x, w.high_x) for w in step.lanes[lane - 1].windows]
+        reachable += _reachable(explanation, step, lane)
     tracks = tuple(_track(explanation, index, lane) for index in range(len(explanation.vehicles)))
-    return LaneView(tuple(forbidden), tuple(safe), tracks)
+    return LaneView(tuple(forbidden), tuple(safe), tuple(reachable), tracks)
 
 
 def _forbidden(explanation: Explanation, step: ExplainedStep, lane: int) -> list[Stretch]:
@@ -154,7 +158,7 @@ def _forbidden(explanation: Explanation, step: ExplainedStep, lane: int) -> list
     return [_stretch(explanation, step.step, low, high) for low, high in ends]
 
 
-def _safe(explanation: Explanation, step: ExplainedStep, lane: int) -> list[Stretch]:
+def _reachable(explanation: Explanation, step: ExplainedStep, lane: int) -> list[Stretch]:
     here = step.lanes[lane - 1]
     if step.reach is None or not here.reachable:
         return []

@@ -7,7 +7,8 @@ the same information in grey. Nothing here touches the global state of matplotli
 from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from textwrap import fill
+from typing import Any, Literal
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -25,7 +26,8 @@ FORMATS = (".svg", ".png", ".pdf")
 # Blue, vermillion, bluish green, reddish purple, orange, sky blue; black is the ego's.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = ("s", "^", "D", "v", "P", "X", "<", ">")
-SAFE_COLOR, SAFE_EDGE, FORBIDDEN_COLOR, HATCH_COLOR = "#CFE6F5", "#7FB5D9", "#F4F4F4", "#9A9A9A"
+SAFE_COLOR, REACH_COLOR, REACH_EDGE = "#EDF5FB", "#B5D8EE", "#5E9CC7"
+FORBIDDEN_COLOR, HATCH_COLOR = "#F4F4F4", "#9A9A9A"
 # A file tells when it was written unless it is asked not to.
 METADATA: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None},
@@ -36,8 +38,10 @@ METADATA: dict[str, dict[str, Any]] = {
 LIKELY = 0.05
 # Width of what holds at a step's end, as a share of the period.
 BAR = 0.8
+# Letters in a line of the legend.
+LEGEND_WIDTH = 22
 # Keeps text readable on hatching.
-HALO = [withStroke(linewidth=2.0, foreground="white")]
+HALO = [withStroke(linewidth=2.5, foreground="white")]
 
 
 def figure_path(path: Path) -> Path:
@@ -98,7 +102,7 @@ def decision_figure(explanation: Explanation) -> Figure:
     """
     view = decision_view(explanation)
     road = explanation.problem.road
-    figure = Figure(figsize=(7.0, 0.7 + 1.8 * road.lane_count), layout="constrained")
+    figure = Figure(figsize=(7.0, 0.7 + 1.9 * road.lane_count), layout="constrained")
     panels = figure.subplots(road.lane_count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     in_view: set[str] = set()
     for lane, axes in enumerate(panels, start=1):
@@ -157,8 +161,10 @@ def _ticks(steps: int) -> range:
 def _bars(axes: Axes, view: View, content: LaneView) -> None:
     """Draw what is safe and what is forbidden at each step's end."""
     for stretch in content.safe:
+        _bar(axes, view, stretch, 0.0, facecolor=SAFE_COLOR, edgecolor="none")
+    for stretch in content.reachable:
         # A window of no length is a place after all.
-        _bar(axes, view, stretch, 0.006 * (view.high - view.low), facecolor=SAFE_COLOR, edgecolor=SAFE_EDGE)
+        _bar(axes, view, stretch, 0.006 * (view.high - view.low), facecolor=REACH_COLOR, edgecolor=REACH_EDGE)
     for stretch in content.forbidden:
         _bar(axes, view, stretch, 0.0, facecolor=FORBIDDEN_COLOR, edgecolor=HATCH_COLOR, hatch="/////")
 
@@ -210,26 +216,17 @@ def _track(axes: Axes, view: View, index: int, track: Track) -> bool:
         )
     shown = [spot for spot in track.spots if view.low <= spot.x <= view.high]
     if shown:
+        ha: Literal["right", "center"]
         first = max((spot for spot in shown if spot.step == shown[0].step), key=lambda spot: spot.probability)
-        offset = (-5, 0) if first.step == 0 else (0, 6)
-        axes.annotate(
-            track.vehicle_id,
-            (first.step * view.period, first.x),
-            offset,
-            textcoords="offset points",
-            ha="right" if first.step == 0 else "center",
-            va="center" if first.step == 0 else "bottom",
-            color=color,
-            fontsize=7.5,
-            path_effects=HALO,
-            zorder=4.0,
-        )
+        place = first.step * view.period, first.x
+        offset, ha = ((-5.0, 0.0), "right") if first.step == 0 else ((0.0, 8.0), "center")
+        _note(axes, track.vehicle_id, place, offset, ha=ha, color=color)
     return bool(shown)
 
 
 def _opacity(probability: float) -> float:
-    """Return an opacity that keeps an unlikely branch visible."""
-    return float(min(1.0, 0.15 + 0.85 * probability**0.5))
+    """Return an opacity at which an unlikely branch is visible and a hundred of them do not look like a likely one."""
+    return float(min(1.0, 0.04 + 0.96 * probability**0.5))
 
 
 def _ego(axes: Axes, view: View, explanation: Explanation, lane: int) -> None:
@@ -241,18 +238,8 @@ def _ego(axes: Axes, view: View, explanation: Explanation, lane: int) -> None:
             style = "-" if before.lane == lane else (0, (1.6, 1.0))
             axes.plot(times, [before.x, after.x], color="black", linewidth=2.4, linestyle=style, zorder=3.0)
         elif before.lane == lane:
-            shape = "v" if after.lane > lane else "^"
-            axes.annotate(
-                f"to lane {after.lane}",
-                (times[0], before.x),
-                (7, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=7,
-                path_effects=HALO,
-                zorder=4.0,
-            )
-            axes.plot(times[0], before.x, marker=shape, markersize=8, color="black", zorder=3.2)
+            arrow = "\N{BLACK DOWN-POINTING TRIANGLE}" if after.lane > lane else "\N{BLACK UP-POINTING TRIANGLE}"
+            _note(axes, f"{arrow} to lane {after.lane}", (times[0], before.x), (7, 0))
     for point in path:
         if lane in (point.lane, *point.over):
             face = "black" if point.lane == lane else "white"
@@ -267,18 +254,32 @@ def _ego(axes: Axes, view: View, explanation: Explanation, lane: int) -> None:
             )
     worst = explanation.chosen.worst
     if worst is not None and path[worst.step].lane == lane:
-        point = path[worst.step]
-        axes.annotate(
-            f"{worst.metres:.2f} m too near {worst.vehicle_id}",
-            (point.step * view.period, point.x),
-            (0, -7),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize=7,
-            path_effects=HALO,
-            zorder=4.0,
-        )
+        place = worst.step * view.period, path[worst.step].x
+        _note(axes, f"{worst.metres:.2f} m too near {worst.vehicle_id}", place, (0, -11), ha="center")
+
+
+def _note(
+    axes: Axes,
+    text: str,
+    place: tuple[float, float],
+    offset: tuple[float, float],
+    *,
+    ha: Literal["left", "center", "right"] = "left",
+    color: str = "black",
+) -> None:
+    """Write beside a place; the offset is in points."""
+    axes.annotate(
+        text,
+        place,
+        offset,
+        textcoords="offset points",
+        ha=ha,
+        va="center",
+        color=color,
+        fontsize=7,
+        path_effects=HALO,
+        zorder=4.0,
+    )
 
 
 def _legend(explanation: Explanation, in_view: set[str]) -> list[Line2D | Patch]:
@@ -291,19 +292,34 @@ def _legend(explanation: Explanation, in_view: set[str]) -> list[Line2D | Patch]
     if explanation.answer.plan:
         entries += [
             line("its plan", color="black", linewidth=2.4, marker="o", markersize=4.2),
-            line("entering the lane", color="black", linewidth=2.4, linestyle=(0, (1.6, 1.0))),
         ]
+    if any(point.over for point in ego_path(explanation)):
+        entries.append(line("still over the lane", color="black", marker="o", markerfacecolor="white", linestyle=""))
+    if _changes_lane(explanation, in_view):
+        entries.append(line("entering the lane", color="black", linewidth=2.4, linestyle=(0, (1.6, 1.0))))
     entries += [
-        Patch(facecolor=SAFE_COLOR, edgecolor=SAFE_EDGE, linewidth=0.5, label="safe, within reach"),
+        Patch(facecolor=REACH_COLOR, edgecolor=REACH_EDGE, linewidth=0.5, label="safe, within reach"),
+        Patch(facecolor=SAFE_COLOR, edgecolor="none", label="safe, out of reach"),
         Patch(facecolor=FORBIDDEN_COLOR, edgecolor=HATCH_COLOR, linewidth=0.5, hatch="/////", label="too near"),
     ]
     for index, vehicle in enumerate(explanation.vehicles):
-        away = "" if vehicle.id in in_view else " (out of view)"
+        if vehicle.id not in in_view:
+            continue
         color, marker = COLORS[index % len(COLORS)], MARKERS[index % len(MARKERS)]
-        entries.append(line(vehicle.id + away, color=color, marker=marker, markersize=3.6, linewidth=1.1))
+        entries.append(line(vehicle.id, color=color, marker=marker, markersize=3.6, linewidth=1.1))
     if in_view:
         entries += [
             line("means, fainter\nif less likely", color="0.4", linewidth=1.1, marker="s", markersize=3.6, alpha=0.4),
             line("margin either way", color="0.4", marker="|", markersize=9, linestyle=""),
         ]
+    away = ", ".join(vehicle.id for vehicle in explanation.vehicles if vehicle.id not in in_view)
+    if away:
+        entries.append(line(fill(f"out of view: {away}", LEGEND_WIDTH), linestyle=""))
     return entries
+
+
+def _changes_lane(explanation: Explanation, in_view: set[str]) -> bool:
+    """Tell whether anything that is drawn changes its lane."""
+    seen = [branch for vehicle in explanation.vehicles if vehicle.id in in_view for branch in vehicle.branches]
+    laterals = [step.lateral for step in explanation.answer.plan]
+    return any(laterals) or any(any(branch.laterals) for branch in seen)

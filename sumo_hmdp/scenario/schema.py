@@ -9,8 +9,10 @@ from sumo_hmdp.planning.problem_file import (
     ModeName,
     NoiseFile,
     NonNegative,
+    Number,
     PolicyFile,
     Positive,
+    Speed,
 )
 from sumo_hmdp.validation import FileModel
 
@@ -18,9 +20,9 @@ from sumo_hmdp.validation import FileModel
 class EgoFile(FileModel):
     """`ego`: where the ego starts, and how it moves; (x, y) is the centre of the front bumper, y that of its lane."""
 
-    x_m: float
+    x_m: Number
     lane: int
-    speed_mps: NonNegative
+    speed_mps: Speed
     mode: ModeName = "cruise"
     lane_change_time_s: Positive = 4.0
     motion: Literal["bicycle", "point_mass"] = "bicycle"
@@ -42,7 +44,7 @@ class CarFollowingFile(FileModel):
     speed_gain_ps: NonNegative = 0.9
     decel_max_mps2: Positive = 3.0
     accel_max_mps2: Positive = 2.0
-    release_surplus_m: float = 4.0
+    release_surplus_m: Number = 4.0
 
 
 class ConstantSpeedFile(FileModel):
@@ -87,9 +89,9 @@ class VehicleFile(NoiseFile):
     """One surrounding vehicle: where it starts, who drives it, and what the planner believes of it."""
 
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
-    x_m: float
+    x_m: Number
     lane: int
-    speed_mps: NonNegative
+    speed_mps: Speed
     length_m: Positive = 4.5
     width_m: Positive = 1.8
     driver: DriverFile

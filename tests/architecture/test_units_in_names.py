@@ -26,7 +26,19 @@ DIMENSIONLESS = {
     "intended_lane", "keep", "lane", "lanes", "left", "objective", "politeness", "probability", "right",
     "schema_version", "seed", "step",
 }  # fmt: skip
-OPTIONS = {"planner", "solver", "seed", "epsilon", "out", "trace", "dump-decisions", "help", "version"}
+OPTIONS = {
+    "planner",
+    "solver",
+    "seed",
+    "epsilon",
+    "out",
+    "trace",
+    "dump-decisions",
+    "help",
+    "version",
+    "explain",
+    "figure",
+}
 OPTIONS |= {"install-completion", "show-completion"}
 
 

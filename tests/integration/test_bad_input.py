@@ -60,6 +60,13 @@ PROBLEM_MISTAKES = {
         10**400,
         [f"planner.accel_mps2: must be a number, got {10**56}..."],
     ),
+    "beyond any road": (at("ego", "x_m"), -1e300, ["ego.x_m: must be at least -1000000, got -1e+300"]),
+    "beyond any car": (
+        at("planner", "desired_speed_mps"),
+        1e9,
+        ["planner.desired_speed_mps: must be at most 1000, got 1000000000.0"],
+    ),
+    "too fine a step": (at("planner", "period_s"), 1e-300, ["planner.period_s: must be at least 0.01, got 1e-300"]),
     "text": (at("ego", "x_m"), "35", ["ego.x_m: must be a number, got '35'"]),
     "boolean": (at("ego", "x_m"), True, ["ego.x_m: must be a number, got true"]),
     "nothing": (at("ego", "x_m"), None, ["ego.x_m: must be a number, got nothing"]),
@@ -225,6 +232,24 @@ def test_good_files_are_answered_in_order_around_bad_ones(call, tmp_path):
     assert [json.loads(line)["objective"] for line in finished.out.splitlines()] == pytest.approx(objectives, abs=1e-6)
     assert [line.split(": ")[0] for line in finished.lines] == [str(bad), str(tmp_path / "none.json")]
     assert finished.code == 2
+
+
+def test_a_solver_that_fails_on_one_file_does_not_keep_the_others_from_their_answers(call, monkeypatch):
+    from sumo_hmdp.planning import decide  # noqa: PLC0415
+    from sumo_hmdp.planning.optimiser import SolverError  # noqa: PLC0415
+
+    answer, calls = decide.answer, []
+
+    def fail_first(*arguments):
+        calls.append(arguments)
+        if len(calls) == 1:
+            raise SolverError("the solver must prove something, got nothing")
+        return answer(*arguments)
+
+    monkeypatch.setattr(decide, "answer", fail_first)
+    finished = call("decide", PROBLEM, PROBLEM)
+    assert finished.lines == [f"{PROBLEM}: the solver must prove something, got nothing"]
+    assert (finished.code, len(finished.out.splitlines())) == (1, 1)
 
 
 HMDP = "planners.hmdp_mpc"

@@ -21,7 +21,7 @@ def stage_cost(planner, lateral, mode, lane, speed):
 
 
 def toward(now, target):
-    """Return the step of -1, 0 or +1 that leads from one integer to another."""
+    """Return the step of -1, 0 or +1 that leads from one number toward another."""
     return (target > now) - (target < now)
 
 
@@ -31,10 +31,8 @@ def cost_to_go(planner, lane, speed, mode):
     speed_step = planner["accel_mps2"] * planner["period_s"]
     cost = 0.0
     for _ in range(10_000):
-        if speed_excess(planner, speed) == 0.0:
-            needed = 0
-        else:
-            needed = 1 if speed < planner["desired_speed_mps"] else -1
+        in_band = speed_excess(planner, speed) == 0.0
+        needed = 0 if in_band else toward(speed, planner["desired_speed_mps"])
         if lane == goal_lane and needed == 0 and mode == 0:
             return cost
         mode = mode + toward(mode, needed)

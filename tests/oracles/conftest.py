@@ -26,3 +26,21 @@ def brute_force():
 def problems():
     """The module problems: random_problem(rng)."""
     return _load("problems")
+
+
+@pytest.fixture(scope="session")
+def general_problems():
+    """The module general_problems: random_general_problem(rng)."""
+    return _load("general_problems")
+
+
+@pytest.fixture(scope="session")
+def agreement():
+    """The module agreement: disagreements(brute_force, problem, solvers)."""
+    return _load("agreement")
+
+
+@pytest.fixture(scope="session")
+def joint_risk():
+    """The module joint_risk: measure(...), count_violations(...)."""
+    return _load("joint_risk")

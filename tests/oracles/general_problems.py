@@ -93,7 +93,12 @@ def _slow(rng, problem):
     for body in [ego, *problem["vehicles"]]:
         if body is ego and planner["speed_min_mps"] > 0.0:
             continue
-        speeds = [0.0, step * int(rng.integers(1, 5)), problems._uniform(rng, 0.0, 1.0), problems._uniform(rng, 0.0, 4.0)]
+        speeds = [
+            0.0,
+            step * int(rng.integers(1, 5)),
+            problems._uniform(rng, 0.0, 1.0),
+            problems._uniform(rng, 0.0, 4.0),
+        ]
         if body is ego or problems._chance(rng, 0.8):
             body["speed_mps"] = problems._pick(rng, speeds)
         if problems._chance(rng, 0.5):

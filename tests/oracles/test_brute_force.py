@@ -240,11 +240,12 @@ def test_position_variance_by_hand(brute_force):
 
 
 def test_risk_is_shared_between_steps_and_vehicles(brute_force):
-    # 0.2 / (2 steps * 2 vehicles) = 0.05, whose quantile is 1.64485.
+    # 0.2 / (2 steps * 2 vehicles) = 0.05; individual gives each constraint all of it.
     problem = tiny(car(100.0), car(200.0), horizon_steps=2, risk_level=0.2, risk_allocation="uniform")
-    assert brute_force.risk_quantile(problem) == pytest.approx(1.644854, abs=1e-6)
-    problem["planner"] |= {"risk_level": 0.05, "risk_allocation": "individual"}
-    assert brute_force.risk_quantile(problem) == pytest.approx(1.644854, abs=1e-6)
+    sequences = brute_force.retained_sequences(problem, problem["vehicles"][0])
+    assert brute_force.branch_risks(problem, sequences) == pytest.approx([0.05])
+    problem["planner"]["risk_allocation"] = "individual"
+    assert brute_force.branch_risks(problem, sequences) == pytest.approx([0.2])
 
 
 def test_chance_constraint(brute_force):
@@ -328,10 +329,12 @@ def test_contact_is_never_planned(brute_force):
 
 
 def test_unknown_rules_are_refused(brute_force):
-    with pytest.raises(ValueError, match="occupancy"):
-        brute_force.solve(tiny(occupancy="swept"))
-    with pytest.raises(ValueError, match="mixture"):
-        brute_force.solve(tiny(risk_allocation="mixture"))
+    with pytest.raises(ValueError, match="courtesy"):
+        brute_force.solve(tiny(courtesy=1.0))
+    with pytest.raises(ValueError, match="fair"):
+        brute_force.solve(tiny(car(100.0), risk_allocation="fair"))
+    with pytest.raises(ValueError, match="two_second"):
+        brute_force.solve(tiny(car(100.0), distance_rule="two_second"))
 
 
 # Random problems -------------------------------------------------------------------------------------------

@@ -17,8 +17,17 @@ def yaml_of(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1e-5", 1e-5), ("1.5E3", 1500.0), ("-2e0", -2.0), ("1.0e-5", 1e-5), ("3", 3), (".5", 0.5), ("e5", "e5"), ("'1e-5'", "1e-5")],
-)  # fmt: skip
+    [
+        ("1e-5", 1e-5),
+        ("1.5E3", 1500.0),
+        ("-2e0", -2.0),
+        ("1.0e-5", 1e-5),
+        ("3", 3),
+        (".5", 0.5),
+        ("e5", "e5"),
+        ("'1e-5'", "1e-5"),
+    ],
+)
 def test_numbers_are_those_of_json(yaml_of, text, value):
     content = yaml_of(f"a: {text}").content
     assert content == {"a": value}

@@ -1,0 +1,43 @@
+"""Both solvers against the oracle, on problems that ask for everything a problem may ask for.
+
+The full comparison, 10,000 problems, is analysis/02_solvers_agree.py; this is its quick part.
+"""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+CHUNKS = 8
+
+
+def compare(brute_force, general_problems, agreement, seed, count, solvers, **given):
+    """Compare a number of problems; return what they were."""
+    seen = Counter()
+    for number in range(count):
+        document = general_problems.random_general_problem(np.random.default_rng([seed, number]), **given)
+        status, said = agreement.disagreements(brute_force, document, solvers)
+        assert not said, f"problem [{seed}, {number}]: {said}"
+        planner = document["planner"]
+        seen[status] += 1
+        seen[planner["risk_allocation"]] += 1
+        seen[planner.get("occupancy", "target")] += 1
+        seen[planner.get("distance_rule", "fixed")] += 1
+        seen["stopping"] += planner.get("stopping", False)
+    return seen
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_search_against_the_oracle(brute_force, general_problems, agreement, chunk):
+    seen = compare(brute_force, general_problems, agreement, 1000 + chunk, 150, ["search"])
+    # A generator that stops making hard problems would make this test say nothing.
+    features = ["individual", "uniform", "mixture", "target", "swept", "fixed", "time_headway", "rss", "stopping"]
+    assert min(seen[feature] for feature in features) >= 15
+    assert min(seen[status] for status in ("optimal", "relaxed", "fallback", "error")) >= 4
+
+
+@pytest.mark.parametrize(("horizon", "count"), [(2, 200), (3, 100), (4, 20)])
+def test_both_solvers_against_the_oracle(brute_force, general_problems, agreement, horizon, count):
+    seen = compare(brute_force, general_problems, agreement, 2000, count, ["milp", "search"], horizon=horizon)
+    assert seen["optimal"] >= 5
+    assert seen["relaxed"] + seen["fallback"] >= 3
