@@ -21,12 +21,14 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.hmdp.branches import PredictedVehicle, predict
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import Policy
+from sumo_hmdp.planning.audit import shifted
 from sumo_hmdp.planning.corridors import Corridors, carve, clearances
 from sumo_hmdp.planning.cost import objective
+from sumo_hmdp.planning.decide import Answer, answer
 from sumo_hmdp.planning.highs import compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
 from sumo_hmdp.planning.milp import build_model
-from sumo_hmdp.planning.optimiser import best_sequence, fill, shape_of
+from sumo_hmdp.planning.optimiser import best_sequence, fill, shape_of, start_values
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings, Preferences, RiskAllocation
 from sumo_hmdp.planning.risk import margins
 from sumo_hmdp.planning.search import search_best
@@ -207,24 +209,63 @@ def against_others(rng: np.random.Generator, repeats: int) -> None:
 def by_vehicles(rng: np.random.Generator, repeats: int) -> None:
     """Print the solve time with many vehicles beside that with few, for the same number of windows."""
     print("\n## Solve time at the same number of windows, H = 3\n")
-    pairs: dict[int, list[tuple[int, float]]] = {16: [], 256: []}
+    times: dict[int, list[float]] = {16: [], 256: []}
     for _ in range(repeats):
+        # The first sixteen are the nearest: who comes on top is out of reach and adds no window.
         crowd = scene(rng, 256, 3, 1.0)
-        for vehicles, times in pairs.items():
-            # The first sixteen are the nearest: who comes on top is out of reach and adds no window.
+        filled = {}
+        for vehicles in times:
             problem = replace(crowd, vehicles=crowd.vehicles[:vehicles])
             lattice, corridors = carved(problem)
             if corridors.passable:
                 compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=False))
+                filled[vehicles] = compiled, fill(compiled, problem, lattice, corridors)
+        if len(filled) == len(times) and filled[16][0].shape == filled[256][0].shape:
+            # Back to back, so that both find the processor in the same state.
+            for vehicles, model in filled.items():
+                times[vehicles].append(timed(lambda m=model: solve(*m))[0])
+    few, many = (statistics.median(times[vehicles]) for vehicles in (16, 256))
+    print(f"- 16 vehicles {few:.2f} ms, 256 vehicles {many:.2f} ms, ratio {many / few:.2f} (n = {len(times[16])})")
+
+
+def warm_start(rng: np.random.Generator, repeats: int) -> None:
+    """Print the solve time with and without the start from the plan before, along drives through traffic."""
+    print("\n## Starting from the plan before\n")
+    print("Median / 99th percentile / worst [ms] of the same decisions, those whose start is feasible.\n")
+    print("| H | decisions | cold | warm |")
+    print("|---|---|---|---|")
+    for horizon in (3, 5, 8):
+        cold, warm = [], []
+        for _ in range(max(2, repeats // 10)):
+            problem = scene(rng, 8, horizon, 1.0)
+            for _ in range(10):
+                found = answer(problem)
+                if found.sequence is None:
+                    break
+                problem = following(problem, found)
+                lattice, corridors = carved(problem)
+                if not corridors.passable:
+                    break
+                compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=False))
                 data = fill(compiled, problem, lattice, corridors)
-                times.append((compiled.shape.windows, timed(lambda c=compiled, d=data: solve(c, d))[0]))
-    shared = {w for w, _ in pairs[16]} & {w for w, _ in pairs[256]}
-    for windows in sorted(shared):
-        few, many = ([t for w, t in pairs[n] if w == windows] for n in (16, 256))
-        if min(len(few), len(many)) >= 5:
-            ratio = statistics.median(many) / statistics.median(few)
-            print(f"- up to {windows} windows: 16 vehicles {statistics.median(few):.2f} ms (n = {len(few)}), "
-                  f"256 vehicles {statistics.median(many):.2f} ms (n = {len(many)}), ratio {ratio:.2f}")  # fmt: skip
+                start = start_values(compiled, problem, lattice, corridors)
+                if start is not None:
+                    cold.append(timed(lambda c=compiled, d=data: solve(c, d))[0])
+                    warm.append(timed(lambda c=compiled, d=data, s=start: solve(c, d, start=s))[0])
+        print(f"| {horizon} | {len(cold)} | {quantiles(cold)} | {quantiles(warm)} |", flush=True)
+
+
+def following(problem: DecisionProblem, found: Answer) -> DecisionProblem:
+    """Return the decision problem one period on: the ego on its plan, everybody else as is likeliest."""
+    step, branches = found.plan[0], found.branches
+    moved = []
+    for index, vehicle in enumerate(problem.vehicles):
+        rows = np.flatnonzero(branches.vehicle == index)
+        row = rows[branches.probability[rows].argmax()]
+        state = replace(vehicle.state, x=float(branches.x[row, 0]), speed=float(branches.speed[row, 0]))
+        moved.append(replace(vehicle, state=state))
+    ego = replace(problem.ego, x=step.x, speed=step.speed, lane=step.lane, mode=step.mode, y=ROAD.center_y(step.lane))
+    return replace(problem, ego=ego, vehicles=tuple(moved), start=shifted(problem, found))
 
 
 def main() -> None:
@@ -238,6 +279,7 @@ def main() -> None:
     by_size(rng, options.repeats)
     against_others(rng, min(options.repeats, 40))
     by_vehicles(rng, options.repeats)
+    warm_start(rng, options.repeats)
 
 
 if __name__ == "__main__":

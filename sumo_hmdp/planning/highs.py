@@ -27,7 +27,8 @@ OPTIONS: dict[str, Any] = {
     "threads": 1,
     "mip_rel_gap": 0.0,
     "mip_abs_gap": 1e-9,
-    "mip_feasibility_tolerance": 1e-9,
+    # Not 1e-9: presolve itself moves columns by 1e-9, and a node whose optimum is then refused is dropped all the same.
+    "mip_feasibility_tolerance": 1e-8,
     "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
     # What small problems do not need: sub-MIP heuristics, symmetry, restarts.
@@ -217,13 +218,19 @@ class MilpResult:
         return self.status == "Time limit reached"
 
 
-def solve(compiled: CompiledModel, data: FloatArray, time_limit: float = highspy.kHighsInf) -> MilpResult:
+def solve(
+    compiled: CompiledModel,
+    data: FloatArray,
+    time_limit: float = highspy.kHighsInf,
+    start: FloatArray | None = None,
+) -> MilpResult:
     """Fill a compiled model in and solve it.
 
     Args:
         compiled: the model.
         data: one number a slot.
         time_limit: of the solve [s]; what is known then is returned.
+        start: values of the columns to start from, None for none.
     """
     values = compiled.coefficients.at(data)
     matrix = sparse.csc_array(
@@ -250,6 +257,10 @@ def solve(compiled: CompiledModel, data: FloatArray, time_limit: float = highspy
     # HiGHS counts the time of all solves in its life.
     solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
     solver.passModel(lp)
+    if start is not None:
+        solution = highspy.HighsSolution()
+        solution.col_value = start.tolist()
+        solver.setSolution(solution)
     solver.run()
     status = solver.modelStatusToString(solver.getModelStatus())
     found = solver.getInfo().primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
@@ -29,7 +30,7 @@ _BOUNDS = {
 WINDOW_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 
 
-class SolverError(RuntimeError):
+class SolverError(SumoHmdpError):
     """The solver stopped without proving an optimum or infeasibility."""
 
 
@@ -47,7 +48,9 @@ def best_sequence(problem: DecisionProblem, lattice: EgoLattice, corridors: Corr
     if not corridors.passable:
         return None
     compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=False))
-    return _sequence(compiled, solve(compiled, fill(compiled, problem, lattice, corridors), _time_limit(problem)))
+    data = fill(compiled, problem, lattice, corridors)
+    start = start_values(compiled, problem, lattice, corridors)
+    return _sequence(compiled, solve(compiled, data, _time_limit(problem), start))
 
 
 def _time_limit(problem: DecisionProblem) -> float:
@@ -153,6 +156,59 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         if name in values:
             data[place] = np.asarray(values[name], dtype=np.float64).ravel()
     return data
+
+
+def start_values(
+    compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors
+) -> FloatArray | None:
+    """Return the columns of the problem's starting sequence, None where there is none or it is not feasible here."""
+    sequence, shape = problem.start, compiled.shape
+    if sequence is None or lattice.stopping:
+        return None
+    motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
+    windows = _windows_of(problem, lattice, corridors, sequence)
+    if windows is None:
+        return None
+    preferences = problem.settings.preferences
+    u = np.zeros((shape.steps, len(MODES), len(LATERALS)))
+    z = np.zeros((shape.steps, shape.windows))
+    for k, (mode, lateral) in enumerate(zip(sequence.modes, sequence.laterals, strict=True)):
+        u[k, MODES.index(mode), LATERALS.index(lateral)] = 1.0
+        z[k, windows[k]] = 1.0
+    speeds = np.array([motion.speed for motion in motions])
+    excess = np.maximum(np.abs(speeds - preferences.desired_speed) - preferences.speed_deadband, 0.0)
+    values = {"u": u, "z": z, "p": excess}
+    if shape.terminal:
+        level = motions[-1].level + shape.steps
+        ends = np.zeros((shape.lanes, 2 * shape.steps + 1, 1, len(MODES)))
+        lane = problem.ego.lane + sum(sequence.laterals)
+        ends[lane - 1, level, 0, MODES.index(sequence.modes[-1])] = 1.0
+        values |= {"end": ends, "level": np.eye(2 * shape.steps + 1)[level]}
+    start = np.zeros(compiled.column_count)
+    for name, place in compiled.columns.items():
+        start[place] = values[name].ravel()
+    return start
+
+
+def _windows_of(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, sequence: ManeuverSequence
+) -> list[int] | None:
+    """Return the window that a sequence is in at each step, None where it leaves the corridors or its own limits."""
+    lane, mode, window, windows = problem.ego.lane, problem.ego.mode, 0, []
+    motions = lattice.walk(tuple(int(m) for m in sequence.modes))
+    for stage, lateral, following, motion in zip(
+        corridors.stages, sequence.laterals, sequence.modes, motions, strict=True
+    ):
+        lane += lateral
+        inside = stage.moves[window] & (stage.lane == lane)
+        inside &= (stage.low <= motion.point + UNIT_TOLERANCE) & (motion.point - UNIT_TOLERANCE <= stage.high)
+        if corridors.levelled:
+            inside &= (stage.level == motion.level) & (stage.phase == motion.phase)
+        if abs(following - mode) > 1 or not lattice.allows(motion.level, motion.phase) or not inside.any():
+            return None
+        mode, window = following, int(inside.argmax())
+        windows.append(window)
+    return windows
 
 
 def _sequence(compiled: CompiledModel, result: MilpResult) -> ManeuverSequence | None:

@@ -13,7 +13,7 @@ from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
-from sumo_hmdp.planning.audit import Audit, audit
+from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
@@ -42,7 +42,7 @@ class Belief:
 
 @dataclass(frozen=True)
 class LastDecision:
-    """What the planner remembers: the decision before, for the audit. It does not change what is decided.
+    """What the planner remembers: the decision before, for the audit and as a start for the MILP.
 
     Attributes:
         problem: the problem of one period ago.
@@ -90,18 +90,19 @@ class HmdpPlanner:
             planning.optimiser.SolverError: if the solver proves nothing.
         """
         started = time.perf_counter()
-        problem = self.problem(scene)
+        problem = self.problem(scene, memory)
         result = answer(problem, self.solver)
         solve_time = time.perf_counter() - started
         checked = audit(problem, result, None if memory is None else (memory.problem, memory.answer))
         decision = replace(to_decision(problem, result, checked, scene.time), solve_time=solve_time)
         return decision, LastDecision(problem, result)
 
-    def problem(self, scene: Scene) -> DecisionProblem:
-        """Return the decision problem of a scene."""
+    def problem(self, scene: Scene, memory: LastDecision | None = None) -> DecisionProblem:
+        """Return the decision problem of a scene; the MILP starts from what is left of the plan before."""
         seen = (other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range)
         vehicles = tuple(self._predicted(other, scene.time) for other in seen)
-        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles)
+        start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
+        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start)
 
     def _predicted(self, state: VehicleState, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)

@@ -158,12 +158,15 @@ class DecisionProblem:
         settings: of the planner.
         ego: the ego; its lane is the one it intends.
         vehicles: the surrounding vehicles with their policies and noise.
+        start: a sequence to start the MILP from, such as what is left of the plan before; it costs nothing if it is
+            not feasible, and changes at most which of several best plans is found.
     """
 
     road: Road
     settings: PlannerSettings
     ego: VehicleState
     vehicles: tuple[PredictedVehicle, ...]
+    start: "ManeuverSequence | None" = None
 
 
 @dataclass(frozen=True)

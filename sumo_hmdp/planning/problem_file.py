@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 
 from sumo_hmdp.documents import read_json
-from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, Lateral, ManeuverState, Mode
+from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL, Lateral, ManeuverState, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
@@ -20,6 +20,7 @@ from sumo_hmdp.planning.decide import Answer
 from sumo_hmdp.planning.problem import (
     DecisionProblem,
     DistanceRule,
+    ManeuverSequence,
     Occupancy,
     PlannerSettings,
     Preferences,
@@ -228,6 +229,13 @@ class VehicleFile(StateFile, PolicyFile, NoiseFile):
     id: Annotated[str, Field(min_length=1)]
 
 
+class ManeuverFile(FileModel):
+    """One step of a starting plan."""
+
+    lateral: Literal["left", "keep", "right"]
+    mode: ModeName
+
+
 class ProblemFile(FileModel):
     """A decision problem."""
 
@@ -235,9 +243,19 @@ class ProblemFile(FileModel):
     planner: PlannerFile
     ego: StateFile
     vehicles: list[VehicleFile]
+    start_plan: list[ManeuverFile] | None = None
 
     def problem(self) -> DecisionProblem:
         """Return the problem as the planner uses it."""
+        steps = self.start_plan
+        start = (
+            None
+            if steps is None
+            else ManeuverSequence(
+                tuple(LATERAL_BY_LABEL[step.lateral] for step in steps),
+                tuple(MODE_BY_LABEL[step.mode] for step in steps),
+            )
+        )
         return DecisionProblem(
             road=Road(self.lanes.count, self.lanes.width_m),
             settings=self.planner.settings(),
@@ -246,6 +264,7 @@ class ProblemFile(FileModel):
                 PredictedVehicle(vehicle.state(vehicle.id), vehicle.policy(self.lanes.count), vehicle.noise())
                 for vehicle in self.vehicles
             ),
+            start=start,
         )
 
 
@@ -318,6 +337,11 @@ def _cross_checks(raw: _Raw) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     yield from _lane_checks(raw)
     yield from planner_checks(raw.get("planner"), "planner")
+    start, horizon = raw.get("start_plan"), raw.integer("planner", "horizon_steps")
+    if isinstance(start, list) and horizon is not None and len(start) != horizon:
+        yield Problem(
+            "start_plan", f"must have horizon_steps ({horizon}) steps, got {len(start)}; leave it out if unsure"
+        )
     ids: set[str] = set()
     for index in range(_length(raw.get("vehicles"))):
         path = f"vehicles[{index}]"
@@ -468,6 +492,12 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
         },
         "ego": _state_document(problem.ego),
         "vehicles": [_vehicle_document(vehicle) for vehicle in problem.vehicles],
+        "start_plan": None
+        if problem.start is None
+        else [
+            {"lateral": lateral.label, "mode": mode.label}
+            for lateral, mode in zip(problem.start.laterals, problem.start.modes, strict=True)
+        ],
     }
 
 

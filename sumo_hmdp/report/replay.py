@@ -52,9 +52,7 @@ def render_replay(manifest: dict[str, Any], steps: "pd.DataFrame", decisions: "p
     """
     data = replay_data(manifest, steps, decisions)
     summary = summarize(data)
-    data["lane_changes"] = [
-        {"time_s": time, "lane": lane, "left": left} for time, lane, left in summary.lane_changes
-    ]
+    data["lane_changes"] = [{"time_s": time, "lane": lane, "left": left} for time, lane, left in summary.lane_changes]
     status = str(manifest.get("status") or "unknown")
     template = _environment().get_template("replay.html.j2")
     return template.render(
@@ -131,9 +129,7 @@ def _flat(value: object, path: str = "") -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from _flat(inner, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list | tuple) and any(
-        isinstance(inner, Mapping | list | tuple) for inner in value
-    ):
+    elif isinstance(value, list | tuple) and any(isinstance(inner, Mapping | list | tuple) for inner in value):
         for position, inner in enumerate(value):
             yield from _flat(inner, f"{path}[{position}]")
     elif isinstance(value, list | tuple):

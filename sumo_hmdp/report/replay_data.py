@@ -55,9 +55,7 @@ _TIME_DECIMALS = 6
 _UNBOUNDED_M = 1e6
 
 
-def replay_data(
-    manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "pd.DataFrame"
-) -> dict[str, Any]:
+def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "pd.DataFrame") -> dict[str, Any]:
     """Collect what the page draws.
 
     Args:
@@ -99,9 +97,7 @@ def _check(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "pd.Da
         value = lanes.get(key) if isinstance(lanes, Mapping) else None
         if not isinstance(value, int | float) or not value > 0:
             problems.append(
-                Problem(
-                    f"manifest.lanes.{key}", f"must be a number > 0, got {value!r}. Pass the run's manifest."
-                )
+                Problem(f"manifest.lanes.{key}", f"must be a number > 0, got {value!r}. Pass the run's manifest.")
             )
     if problems:
         raise InputError(problems, source="replay")

@@ -97,12 +97,8 @@ def _gap(ego: Mapping[str, Any], other: Mapping[str, Any], frame: int, time: flo
 
 
 def _lane_changes(data: Mapping[str, Any], ego: Mapping[str, Any]) -> tuple[tuple[float, int, bool], ...]:
-    recorded = [
-        (data["times_s"][ego["first"] + i], lane) for i, lane in enumerate(ego["lane"]) if lane is not None
-    ]
-    return tuple(
-        (time, lane, lane < before) for (_, before), (time, lane) in pairwise(recorded) if lane != before
-    )
+    recorded = [(data["times_s"][ego["first"] + i], lane) for i, lane in enumerate(ego["lane"]) if lane is not None]
+    return tuple((time, lane, lane < before) for (_, before), (time, lane) in pairwise(recorded) if lane != before)
 
 
 def _statuses(data: Mapping[str, Any]) -> dict[str, int]:

@@ -71,7 +71,7 @@ class Moment:
 
     Attributes:
         step: 0 at the start.
-        scene: everybody.
+        scene: everybody, as seen before a decision changed what the ego intends.
         decision: the decision taken at this instant, None between decisions.
         contacts: of the ego at this instant.
         sumo_contacts: what SUMO reported of the ego since the instant before.
@@ -145,8 +145,9 @@ def run_episode(
         if step % every == 0:
             decision, memory = planner.decide(scene, carry.planner_memory)
             carry = take_command(motion, carry, decision, memory, scene)
-        scene = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
-        carry, speeds, tracking = drive(settings, motion, carry, scene)
+        # The record is of what was seen; the others react to what was decided.
+        decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
+        carry, speeds, tracking = drive(settings, motion, carry, decided)
         observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
         world.advance(ego_state(settings, motion, carry), speeds)
         sumo_contacts = world.sumo_contacts()

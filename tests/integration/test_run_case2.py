@@ -110,13 +110,16 @@ def test_the_ego_overtakes_in_the_left_lane_without_contact_or_fallback(results)
 
 
 def test_a_decision_that_starts_too_near_in_its_lane_says_so(results):
-    """A vehicle within the safe distance, in the lane intended before or in the one chosen: relaxed, with a reason."""
+    """A vehicle within the safe distance in the lane that the ego intends as the decision comes: relaxed, with a reason.
+
+    The lane that a decision chooses counts from the end of its first step on, as in the paper.
+    """
     near = 0
     for decision in results.decisions.itertuples():
         scene = results.steps[results.steps["time_s"] == decision.time_s]
         ego = scene[scene["vehicle_id"] == "ego"].iloc[0]
-        lanes = {decision.lane, decision.lane - LATERAL[decision.lateral]}
-        others = scene[(scene["vehicle_id"] != "ego") & scene["lane"].isin(lanes)]
+        assert ego["intended_lane"] == decision.lane - LATERAL[decision.lateral]
+        others = scene[(scene["vehicle_id"] != "ego") & (scene["lane"] == ego["intended_lane"])]
         distance = (others["x_m"] - ego["x_m"]).abs()
         if (distance < SAFE_DISTANCE).any():
             near += 1

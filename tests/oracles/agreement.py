@@ -1,18 +1,18 @@
 """One decision problem, answered by the package's solvers and by the oracle."""
 
-from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.planning.decide import SOLVERS, answer
+from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.problem_file import parse_problem
+from sumo_hmdp.planning.risk import RiskBudgetError
 
 OBJECTIVE_TOLERANCE = 1e-6
 VIOLATION_TOLERANCE = 1e-5
 
 
 def package_answer(document, solver):
-    """Return the package's answer, None where it refuses the problem."""
+    """Return the package's answer by a solver, None where the risk budget cannot be met."""
     try:
-        return answer(parse_problem(document), SOLVERS[solver])
-    except SumoHmdpError:  # a budget that cannot be met
+        return answer(parse_problem(document), solver)
+    except RiskBudgetError:
         return None
 
 
