@@ -116,7 +116,7 @@ class Decision:
         violation: total violation of the distances by the plan [m], 0 when optimal, None for a fallback or a rule.
         reason: why it is not optimal, empty when it is.
         solver: which solver answered.
-        solve_time: wall-clock seconds spent [s]; never part of a trace hash.
+        solve_time: wall-clock seconds spent [s], NaN where it is not known; never part of a trace hash.
         pruned_prob: the largest pruned probability of any vehicle.
         branch_count: how many branches were retained.
         branches: the likeliest of them, for display.

@@ -72,6 +72,6 @@ def run_metrics(steps: pd.DataFrame, decisions: pd.DataFrame) -> dict[str, Any]:
         "decision_count": count,
         **shares,
         "violation_max_m": float(decisions["violation_m"].max()) if decisions["violation_m"].notna().any() else None,
-        "solve_time_median_ms": float(solve_time.median()) if count else None,
-        "solve_time_max_ms": float(solve_time.max()) if count else None,
+        "solve_time_median_ms": float(solve_time.median()) if solve_time.notna().any() else None,
+        "solve_time_max_ms": float(solve_time.max()) if solve_time.notna().any() else None,
     }

@@ -166,14 +166,18 @@ def explain(problem: DecisionProblem, answer: Answer) -> Explanation:
     Args:
         problem: the decision problem.
         answer: of that problem.
+
+    Raises:
+        planning.first_actions.TooLargeToExplainError: if the horizon is too long for the search.
     """
+    actions = first_actions(problem, answer)
     order = likeliest_first(answer.branches)
     return Explanation(
         problem=problem,
         answer=answer,
         vehicles=_vehicles(problem, answer, order),
         steps=_steps(problem, answer, _ranks(answer.branches, order)),
-        actions=first_actions(problem, answer),
+        actions=actions,
     )
 
 

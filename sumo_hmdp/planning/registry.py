@@ -10,6 +10,7 @@ from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
 from sumo_hmdp.planning.planner import Belief, HmdpPlanner
 from sumo_hmdp.planning.problem_file import PlannerFile
+from sumo_hmdp.planning.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 from sumo_hmdp.validation import FileModel, nearest
 
 ENTRY_POINT_GROUP = "sumo_hmdp.planners"
@@ -53,12 +54,14 @@ class PlannerKind:
         summary: one line for `sumo-hmdp list`.
         parameters: what its section in a scenario may hold.
         build: makes the planner.
+        sumo_driver: says how SUMO drives the ego, for a planner that leaves it to SUMO; None where its commands do.
     """
 
     name: str
     summary: str
     parameters: type[FileModel]
     build: Callable[[Any, PlannerContext], Planner[Any]]
+    sumo_driver: Callable[[Any, PlannerContext], SumoDriver] | None = None
 
 
 def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlanner:
@@ -100,7 +103,21 @@ def _build_constant(parameters: ConstantFile, context: PlannerContext) -> Consta
 
 
 CONSTANT = PlannerKind("constant", "keeps lane and speed, whatever happens", ConstantFile, _build_constant)
-BUILT_IN = (HMDP_MPC, IDM_MOBIL, CONSTANT)
+
+
+def _build_sumo(parameters: SumoFile, context: PlannerContext) -> SumoPlanner:
+    del parameters
+    return SumoPlanner(context.dt)
+
+
+def _sumo_driver(parameters: SumoFile, context: PlannerContext) -> SumoDriver:
+    return parameters.driver(context.lane_change_time)
+
+
+SUMO = PlannerKind(
+    "sumo", "SUMO drives the ego: its IDM along the road, its LC2013 across it", SumoFile, _build_sumo, _sumo_driver
+)
+BUILT_IN = (HMDP_MPC, IDM_MOBIL, CONSTANT, SUMO)
 
 
 def planner_kinds() -> dict[str, PlannerKind]:

@@ -64,14 +64,14 @@ class RoadView:
         low: left end [m from zero].
         high: right end [m from zero].
         stretch: by how much vehicles are drawn longer than they are; their fronts are where they are.
-        labels: size of the letters [pt].
+        labels: size of the letters on a vehicle [pt].
     """
 
     zero: float
     low: float
     high: float
     stretch: float
-    labels: float = 6.5
+    labels: float = 5.0
 
 
 def style() -> AbstractContextManager[None]:
@@ -138,7 +138,7 @@ def look_of(run: CaseRun, vehicle_id: str) -> Look:
 
 def label_of(vehicle_id: str) -> str:
     """Return the name of a vehicle in a figure."""
-    return vehicle_id if vehicle_id == EGO_ID else vehicle_id.replace("_", " ").upper().replace("TRUCK", "truck ")
+    return vehicle_id.upper() if vehicle_id.startswith("sv") else vehicle_id.rstrip("0123456789")
 
 
 def named(run: CaseRun) -> Iterator[Motion]:
@@ -169,31 +169,30 @@ def draw_road(axes: Axes, run: CaseRun, view: RoadView) -> None:
 
 
 def draw_vehicles(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
-    """Draw every vehicle at a time; the paper's vehicles out of view are told at the edge."""
-    notes: dict[str, int] = {}
+    """Draw every vehicle at a time, named on its roof; the paper's vehicles out of view are told at the edge."""
     for vehicle_id, motion in run.motions.items():
         at = motion.index(time)
         front, y = float(motion.x[at]) - view.zero, float(motion.y[at])
         look = look_of(run, vehicle_id)
-        if view.low < front - view.stretch * motion.length and front < view.high:
+        body = view.stretch * motion.length
+        if view.low + 0.5 * body < front < view.high + 0.5 * body:
             draw_body(axes, motion, front, y, view.stretch, facecolor=look.color, edgecolor="black")
-            tail = front - view.stretch * motion.length
-            _label(axes, label_of(vehicle_id), tail, y, view, "right")
+            name = {"color": "white", "weight": "bold", "ha": "center", "clip_on": True}
+            axes.text(
+                front - 0.54 * body, y - 0.05, label_of(vehicle_id), fontsize=view.labels, va="center", zorder=4, **name
+            )
         elif look is not OTHER_LOOK:
-            behind = front < view.high
-            side = "left" if behind else "right"
-            text = f"{label_of(vehicle_id)} {'behind' if behind else 'ahead'} at {front:+.0f} m"
-            text = f"\N{BLACK LEFT-POINTING TRIANGLE} {text}" if behind else f"{text} \N{BLACK RIGHT-POINTING TRIANGLE}"
-            notes[side] = notes.get(side, 0) + 1
-            _label(axes, text, view.low if behind else view.high, y, view, side)
+            _tell_far(axes, label_of(vehicle_id), front, y, view)
 
 
-def _label(axes: Axes, text: str, x: float, y: float, view: RoadView, side: str) -> None:
-    """Write on the road; side is the end of the text that stands at x."""
-    offset = (-1.5, 0.0) if side == "right" else (1.5, 0.0)
+def _tell_far(axes: Axes, name: str, front: float, y: float, view: RoadView) -> None:
+    """Write at the edge of the view where a vehicle is that is out of it."""
+    behind = front < view.high
+    words = f"\N{BLACK LEFT-POINTING TRIANGLE} {name}" if behind else f"{name} \N{BLACK RIGHT-POINTING TRIANGLE}"
     axes.annotate(
-        text, (x, y), offset, textcoords="offset points", ha="right" if side == "right" else "left", va="center",
-        fontsize=view.labels, path_effects=HALO, zorder=4.5, annotation_clip=True,
+        f"{words} {front:+.0f} m".replace("-", "\N{MINUS SIGN}"), (view.low if behind else view.high, y),
+        (1.5, 0.0) if behind else (-1.5, 0.0), textcoords="offset points", ha="left" if behind else "right", va="center",
+        fontsize=view.labels + 0.5, path_effects=HALO, zorder=4.5,
     )  # fmt: skip
 
 

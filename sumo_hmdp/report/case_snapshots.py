@@ -46,11 +46,11 @@ def branch_snapshots(run: CaseRun, times: Sequence[float], view: RoadView) -> Fi
         for index, time in enumerate(times):
             here = _panel(axes[index], run, view, time, index)
             decision = run.decision_at(time)
-            for branch in decision.branches:
+            for branch in sorted(decision.branches, key=lambda branch: branch.probability):
                 if branch.probability >= SHOWN_PROBABILITY:
                     _branch(axes[index], run, here, branch, time)
             _plan(axes[index], run, here, decision)
-        _finish(figure, axes[-1], "Six instants of Case 1, with the predicted branches", _branch_legend())
+        _finish(figure, axes[-1], "Case 1: where each vehicle may go, at the paper's instants", _branch_legend())
         return figure
 
 
@@ -82,7 +82,7 @@ def draw_strips(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
         motion = run.motions[vehicle_id]
         at = motion.index(time)
         start, y = float(motion.x[at]) - view.zero, float(motion.y[at])
-        if len(shares) < 2 or start > view.high:
+        if len(shares) < 2 or not view.low < start < view.high:
             continue
         for mode, (probability, end) in shares.items():
             corner = (start, y + STRIP_PLACE[mode] - STRIP_HEIGHT / 2)
@@ -91,16 +91,11 @@ def draw_strips(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
             fill = Rectangle(corner, length, STRIP_HEIGHT, facecolor=MODE_COLORS[mode], alpha=_opacity(probability))
             axes.add_patch(fill)
             axes.add_patch(Rectangle(corner, length, STRIP_HEIGHT, facecolor="none", edgecolor="0.3", **strip))
+        # The likeliest one gets its probability in figures.
         mode, (probability, end) = max(shares.items(), key=lambda share: share[1][0])
+        place = (end - view.zero, y + STRIP_PLACE[mode])
         axes.annotate(
-            f"{mode.label[:6].rstrip('e') + '.' if mode else 'cruise'} {probability:.2f}",
-            (end - view.zero, y),
-            (2.5, 0.0),
-            textcoords="offset points",
-            va="center",
-            fontsize=view.labels - 0.5,
-            zorder=2.5,
-            annotation_clip=True,
+            f"{probability:.2f}", place, (1.5, 0.0), textcoords="offset points", va="center", fontsize=6.0, zorder=2.5
         )
 
 
@@ -148,9 +143,9 @@ def _branch(axes: Axes, run: CaseRun, view: RoadView, branch: CaseBranch, time: 
 def _branch_legend() -> list[Line2D | Patch]:
     return [
         Line2D([], [], color=PURPLE, label="keeps its lane"),
-        Line2D([], [], color=ORANGE, linestyle=(0, (3.0, 1.5)), label="changes lane (fainter: less likely)"),
+        Line2D([], [], color=ORANGE, linestyle=(0, (3.0, 1.5)), label="changes lane"),
         Line2D(
-            [], [], linestyle="", marker="o", markerfacecolor="none", markeredgecolor="0.2", label="2 standard deviations"
+            [], [], linestyle="", marker="o", markerfacecolor="none", markeredgecolor="0.2", label="2 std. deviations"
         ),
         *_common_legend(),
     ]

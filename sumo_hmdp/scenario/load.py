@@ -291,6 +291,7 @@ def _start_checks(ready: ReadyRun) -> Iterator[Problem]:
     for index, spawn in enumerate(ready.spawns):
         where[f"vehicle {spawn.id}"] = f"vehicles[{index}].x_m"
         where[f"vehicles[{index}].desired_speed"] = f"vehicles[{index}].driver.desired_speed_mps"
+    where["ego.desired_speed"] = f"planners.{ready.planner_name}.desired_speed_mps"
     world, ego = ready.world, ready.episode.ego
     try:
         problems = [
@@ -343,6 +344,8 @@ def _assemble(
         default_belief=None,
         solver=options.solver,
     )
+    kind = planner_kind(name, "planner")
+    sumo_driver = kind.sumo_driver(parameters, context) if kind.sumo_driver is not None else None
     drivers = {vehicle.id: driver for vehicle in scenario.vehicles if (driver := _driver(vehicle)) is not None}
     return ReadyRun(
         scenario=scenario.name,
@@ -357,11 +360,11 @@ def _assemble(
             bicycle=bicycle,
             lane_change_time=scenario.ego.lane_change_time_s,
             drivers=drivers,
-            motion=MotionKind(scenario.ego.motion),
+            motion=MotionKind(scenario.ego.motion) if sumo_driver is None else MotionKind.SUMO,
         ),
-        world=WorldSettings(network, road, scenario.dt_s, options.seed),
+        world=WorldSettings(network, road, scenario.dt_s, options.seed, sumo_driver),
         spawns=tuple(_spawn(vehicle) for vehicle in scenario.vehicles),
-        planner=planner_kind(name, "planner").build(parameters, context),
+        planner=kind.build(parameters, context),
         parameters=parameters.model_dump(),
         configuration=scenario.model_dump(),
     )

@@ -47,7 +47,7 @@ class EpisodeSettings:
         bicycle: its body and limits.
         lane_change_time: of the ego's quintic [s].
         drivers: of the scripted vehicles, by id.
-        motion: how the ego carries out its commands.
+        motion: how the ego carries out its commands, or that SUMO drives it.
     """
 
     road: Road
@@ -149,7 +149,8 @@ def run_episode(
         decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
         carry, speeds, tracking = drive(settings, motion, carry, decided)
         observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
-        world.advance(ego_state(settings, motion, carry), speeds)
+        world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds)
+        carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
         sumo_contacts = world.sumo_contacts()
 
 

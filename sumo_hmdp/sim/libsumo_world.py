@@ -1,7 +1,8 @@
 """The traffic simulation, and the only file that talks to SUMO.
 
 Time 0 of a run is SUMO's first step, which only inserts. From there `advance` carries the world on:
-at the end of a step the ego stands exactly where it was told to, and SUMO has moved the rest.
+at the end of a step the ego stands exactly where it was told to, and SUMO has moved the rest. Where SUMO
+drives the ego, it is not told where to, and `ego` says where it is.
 """
 
 import math
@@ -9,6 +10,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -16,9 +18,10 @@ from typing import NoReturn, Self
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
+from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import read_network, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, read_network, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
@@ -30,6 +33,7 @@ _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
 # Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
 # moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
 _SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31}
+_OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 
 
@@ -57,7 +61,7 @@ class LibsumoWorld:
         _refuse(checks.start_problems(self._network, ego, others, settings.dt))
         self.settings = settings
         self.step = 0
-        self._start_ego = ego
+        self._ego = ego
         self._spawns = {spawn.id: spawn for spawn in others}
         self._waiting = sorted(others, key=lambda spawn: (checks.entry_step(spawn, settings.dt), spawn.id))
         self._ghosts: dict[str, int] = {}
@@ -82,7 +86,8 @@ class LibsumoWorld:
         with ExitStack() as stack:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sumo-hmdp-"))
             types_file = Path(folder) / "types.add.xml"
-            types_file.write_text(vehicle_types(self._start_ego, self._spawns.values(), self.settings.dt))
+            driver = self.settings.ego_driver
+            types_file.write_text(vehicle_types(self._ego, self._spawns.values(), self.settings.dt, driver))
             stack.callback(_close)
             self._start(types_file)
             self._resources = stack.pop_all()
@@ -108,13 +113,17 @@ class LibsumoWorld:
         self._require_open()
         return self._on_road
 
-    def advance(self, ego: VehicleState, speeds: Mapping[str, float], poses: Iterable[VehicleState] = ()) -> None:
+    def ego(self) -> VehicleState:
+        """Return the ego: as SUMO has driven it, in the lane that SUMO has it in, or as it was last commanded."""
+        return self._ego
+
+    def advance(self, ego: VehicleState | None, speeds: Mapping[str, float], poses: Iterable[VehicleState] = ()) -> None:
         """Carry the world on by one step, at whose end the ego and the posed vehicles are as commanded.
 
         A scripted vehicle moves by its new speed, x+ = x + v+ dt. IDM vehicles react to the state before.
 
         Args:
-            ego: pose and speed at the end of the step.
+            ego: pose and speed at the end of the step, None where SUMO drives it.
             speeds: [m/s] of every scripted vehicle that `observe` lists.
             poses: pose and speed at the end of the step of every posed vehicle that `observe` lists.
 
@@ -123,9 +132,10 @@ class LibsumoWorld:
             SimulationError: the ego leaves the road or vanishes, or the world is not open.
         """
         self._require_open()
-        moved = (ego, *poses)
+        moved = (*poses,) if ego is None else (ego, *poses)
+        driven = self.settings.ego_driver is not None
         kinds = {vehicle.id: self._spawns[vehicle.id].driver for vehicle in self._on_road}
-        _refuse(checks.command_problems(moved, speeds, kinds))
+        _refuse(checks.command_problems(moved, speeds, kinds, sumo_drives_ego=driven))
         for vehicle in moved:
             if not self._network.holds(vehicle.x, vehicle.y):
                 if vehicle.id == EGO_ID:
@@ -137,12 +147,12 @@ class LibsumoWorld:
         for vehicle_id, speed in speeds.items():
             libsumo.vehicle.setSpeed(vehicle_id, float(speed))
         self.step += 1
-        self._insert_due(ego)
+        self._insert_due(ego or self._ego)
         self._simulate()
         for vehicle in moved:
             if vehicle.id in self._ghosts and second_lane(vehicle, self.settings.road) is None:
                 self._drop_ghost(vehicle.id)
-        self._check_ego(ego)
+        self._ego = self._checked_ego(ego)
         self._note_contacts()
         self._on_road = self._read()
 
@@ -159,19 +169,29 @@ class LibsumoWorld:
         return pairs
 
     def _start(self, types_file: Path) -> None:
-        settings = self.settings
+        settings, start, driver = self.settings, self._ego, self.settings.ego_driver
         try:
-            libsumo.start(sumo_command(settings.net_file, types_file, settings.dt, settings.seed))
+            libsumo.start(sumo_command(settings.net_file, types_file, settings.dt, settings.seed, driver))
         except _SUMO_ERRORS as error:
             raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
         libsumo.route.add(_ROUTE, [self._network.edge])
-        self._add(self._start_ego, EGO_ID, image_lane(self._start_ego.y, settings.road), DriverKind.POSED)
-        self._place(self._start_ego)
-        self._insert_due(self._start_ego)
+        kind = DriverKind.POSED if driver is None else DriverKind.IDM
+        self._add(start, EGO_ID, image_lane(start.y, settings.road), kind)
+        if driver is None:
+            self._place(start)
+        self._insert_due(start)
         self._simulate()
-        self._check_ego(self._start_ego)
+        self._checked_ego(start)
+        if driver is not None:
+            self._let_change_lanes(driver)
         self._on_road = self._read()
         self._note_contacts()
+
+    def _let_change_lanes(self, driver: SumoDriver) -> None:
+        """Leave the ego's lane changes to SUMO; it can also be kept out of a lane in which it starts, and leaves it."""
+        libsumo.vehicle.setLaneChangeMode(EGO_ID, _OWN_LANE_CHANGES)
+        for lane in driver.forbidden_lanes:
+            libsumo.lane.setDisallowed(f"{self._network.edge}_{self.settings.road.sumo_index(lane)}", [EGO_CLASS])
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
@@ -245,13 +265,17 @@ class LibsumoWorld:
                 self._contacts.add(pair)
         self._colliding = pairs
 
-    def _check_ego(self, ego: VehicleState) -> None:
-        """Raise when SUMO does not have the ego where it was sent."""
+    def _checked_ego(self, ego: VehicleState | None) -> VehicleState:
+        """Return the ego as SUMO has it, and raise where it was sent somewhere else."""
         if EGO_ID not in libsumo.vehicle.getIDList():
-            self._lose_ego(ego, "SUMO took it off the road.")
+            self._lose_ego(ego or self._ego, "SUMO took it off the road.")
+        if ego is None:
+            now = _read_vehicle(self._ego, self.settings.road)
+            return replace(now, lateral_speed=(now.y - self._ego.y) / self.settings.dt)
         x, y = libsumo.vehicle.getPosition(EGO_ID)
         if libsumo.vehicle.getLaneIndex(EGO_ID) < 0 or not math.hypot(x - ego.x, y - ego.y) < 1e-6:
             self._lose_ego(ego, f"SUMO has it at x = {x} m, y = {y} m.")
+        return ego
 
     def _lose_ego(self, ego: VehicleState, reason: str) -> NoReturn:
         low, high = self._network.x_begin, self._network.x_end
@@ -270,7 +294,7 @@ def _refuse(problems: list[Problem]) -> None:
         raise InputError(problems)
 
 
-def _read_vehicle(spawn: Spawn, road: Road) -> VehicleState:
+def _read_vehicle(spawn: Spawn | VehicleState, road: Road) -> VehicleState:
     vehicle = libsumo.vehicle
     x, y = vehicle.getPosition(spawn.id)
     speed = vehicle.getSpeed(spawn.id)

@@ -1,4 +1,4 @@
-"""How the ego carries out its commands: as a bicycle with a tracking MPC, or exactly, as a point."""
+"""How the ego moves: as a bicycle with a tracking MPC or exactly, as commanded, or as SUMO drives it."""
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -21,18 +21,25 @@ State = TypeVar("State")
 
 
 class MotionKind(StrEnum):
-    """Names of the motions in scenario files.
+    """Names of the motions; those but the last are in scenario files.
 
     BICYCLE: a kinematic bicycle with limits, which a tracking MPC steers.
     POINT_MASS: a point that moves exactly as told, as in the published rule-based code.
+    SUMO: as SUMO drives it; commands are only reports. It comes with the planner, not with the scenario.
     """
 
     BICYCLE = "bicycle"
     POINT_MASS = "point_mass"
+    SUMO = "sumo"
 
 
 class Motion(Protocol[State]):
     """A motion as pure functions of its own state."""
+
+    @property
+    def moves_ego(self) -> bool:
+        """Tell whether the world is told where the ego is; otherwise the world tells it."""
+        ...
 
     def start(self, ego: VehicleState) -> State:
         """Return the state of an ego that keeps its lane."""
@@ -44,6 +51,10 @@ class Motion(Protocol[State]):
 
     def move(self, state: State, time: float) -> tuple[State, TrackingInfo | None]:
         """Return the state one step after `time`, and how the tracking went where there is any."""
+        ...
+
+    def read(self, state: State, ego: VehicleState) -> State:
+        """Return the state after a step at whose end the world has the ego so."""
         ...
 
     def place(self, state: State, ego: VehicleState) -> VehicleState:
@@ -74,6 +85,11 @@ class BicycleMotion:
     lane_change_time: float
     tracker: TrackingMpc
 
+    @property
+    def moves_ego(self) -> bool:
+        """Return True."""
+        return True
+
     def start(self, ego: VehicleState) -> TrackedBicycle:
         """Return the bicycle without a reference; a decision is due before it first moves."""
         parameters = self.tracker.parameters
@@ -98,6 +114,11 @@ class BicycleMotion:
         controls, warm_start, info = self.tracker.control(state.vehicle, state.reference, time, state.warm_start)
         vehicle = bicycle.advance(state.vehicle, controls, self.tracker.parameters, self.tracker.dt)
         return replace(state, vehicle=vehicle, warm_start=warm_start), info
+
+    def read(self, state: TrackedBicycle, ego: VehicleState) -> TrackedBicycle:
+        """Return the state: the world has the ego where it was told to."""
+        del ego
+        return state
 
     def place(self, state: TrackedBicycle, ego: VehicleState) -> VehicleState:
         """Return the ego where the bicycle's front bumper is."""
@@ -128,6 +149,11 @@ class PointMassMotion:
     lane_change_time: float
     dt: float
 
+    @property
+    def moves_ego(self) -> bool:
+        """Return True."""
+        return True
+
     def start(self, ego: VehicleState) -> CommandedPoint:
         """Return the point in its lane."""
         return CommandedPoint(point_mass.in_lane(ego.x, ego.y, ego.speed, ego.lane))
@@ -144,10 +170,49 @@ class PointMassMotion:
         del time
         return replace(state, vehicle=point_mass.advance(state.vehicle, state.accel, self.dt)), None
 
+    def read(self, state: CommandedPoint, ego: VehicleState) -> CommandedPoint:
+        """Return the state: the world has the ego where it was told to."""
+        del ego
+        return state
+
     def place(self, state: CommandedPoint, ego: VehicleState) -> VehicleState:
         """Return the ego where the point is."""
         now = state.vehicle
         return replace(ego, x=now.x, y=now.y, speed=now.speed, accel=now.accel, heading=now.heading)
+
+
+@dataclass(frozen=True)
+class SumoMotion:
+    """SUMO's own driving; the state is the ego as the world has it."""
+
+    @property
+    def moves_ego(self) -> bool:
+        """Return False."""
+        return False
+
+    def start(self, ego: VehicleState) -> VehicleState:
+        """Return the ego."""
+        return ego
+
+    def take(self, state: VehicleState, command: Command, time: float) -> VehicleState:
+        """Return the state: the command only reports what SUMO does."""
+        del command, time
+        return state
+
+    def move(self, state: VehicleState, time: float) -> tuple[VehicleState, None]:
+        """Return the state: it is the world that moves the ego."""
+        del time
+        return state, None
+
+    def read(self, state: VehicleState, ego: VehicleState) -> VehicleState:
+        """Return the ego as the world has it."""
+        del state
+        return ego
+
+    def place(self, state: VehicleState, ego: VehicleState) -> VehicleState:
+        """Return the ego as the world has it."""
+        del ego
+        return state
 
 
 def motion_of(
@@ -162,6 +227,8 @@ def motion_of(
         lane_change_time: [s].
         dt: the step [s].
     """
+    if kind is MotionKind.SUMO:
+        return SumoMotion()
     if kind is MotionKind.POINT_MASS:
         return PointMassMotion(road, lane_change_time, dt)
     return BicycleMotion(road, lane_change_time, TrackingMpc(parameters, TrackingWeights(), TRACKING_STEPS, dt))

@@ -1,6 +1,6 @@
 """What SUMO is started with: its options, the vehicle types of one run, and a built network."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -8,11 +8,14 @@ from xml.etree import ElementTree as ET
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.traffic.spawn import DriverKind, Spawn
+from sumo_hmdp.planning.sumo_driver import SumoDriver
+from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].
 _UNLIMITED = 1000.0
 _SAME = 1e-6
+# A class of its own can be kept out of a lane that the traffic uses.
+EGO_CLASS = "custom1"
 
 
 def type_id(vehicle_id: str) -> str:
@@ -20,30 +23,47 @@ def type_id(vehicle_id: str) -> str:
     return f"type-of-{vehicle_id}"
 
 
-def vehicle_types(ego: VehicleState, others: Iterable[Spawn], dt: float) -> str:
+def vehicle_types(
+    ego: VehicleState, others: Iterable[Spawn], dt: float, ego_driver: SumoDriver | None = None
+) -> str:
     """Return the additional file with one vehicle type for every vehicle, as XML.
 
     They are written rather than set at run time: SUMO derives part of its IDM only while it reads a type.
     """
     root = ET.Element("additional")
-    _add_type(root, ego.id, ego.length, ego.width)
+    element = _add_type(root, ego.id, ego.length, ego.width)
+    if ego_driver is not None:
+        element.attrib |= _idm(ego_driver, ego_driver.desired_speed, dt) | _lane_changes(ego_driver)
     for spawn in others:
         element = _add_type(root, spawn.id, spawn.length, spawn.width)
         if spawn.driver == DriverKind.IDM:
-            idm = spawn.idm
             top_speed = spawn.speed if spawn.desired_speed is None else spawn.desired_speed
-            # stepping: above it SUMO divides the step and no longer gives the textbook value.
-            numbers = {
-                "minGap": idm.min_gap,
-                "tau": idm.time_gap,
-                "accel": idm.accel,
-                "decel": idm.decel,
-                "delta": idm.exponent,
-                "maxSpeed": top_speed,
-                "stepping": dt,
-            }
-            element.attrib |= {"carFollowModel": "IDM"} | {k: repr(float(v)) for k, v in numbers.items()}
+            element.attrib |= _idm(spawn.idm, top_speed, dt)
     return ET.tostring(root, encoding="unicode")
+
+
+def _idm(idm: IdmParameters | SumoDriver, top_speed: float, dt: float) -> dict[str, str]:
+    numbers = {
+        "minGap": idm.min_gap,
+        "tau": idm.time_gap,
+        "accel": idm.accel,
+        "decel": idm.decel,
+        "delta": idm.exponent,
+        "maxSpeed": top_speed,
+        # Above it SUMO divides the step and no longer gives the textbook value.
+        "stepping": dt,
+    }
+    return {"carFollowModel": "IDM"} | _texts(numbers)
+
+
+def _lane_changes(driver: SumoDriver) -> dict[str, str]:
+    numbers = {"lcSpeedGain": driver.speed_gain, "lcKeepRight": driver.keep_right, "lcAssertive": driver.assertive}
+    own_class = {"vClass": EGO_CLASS} if driver.forbidden_lanes else {}
+    return {"laneChangeModel": "LC2013"} | _texts(numbers) | own_class
+
+
+def _texts(numbers: Mapping[str, float]) -> dict[str, str]:
+    return {name: repr(float(number)) for name, number in numbers.items()}
 
 
 def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) -> ET.Element:
@@ -61,8 +81,15 @@ def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) ->
     )
 
 
-def sumo_command(net_file: Path, types_file: Path, dt: float, seed: int) -> list[str]:
-    """Return SUMO's command line for a run without output, teleports or insertion checks."""
+def sumo_command(
+    net_file: Path, types_file: Path, dt: float, seed: int, ego_driver: SumoDriver | None = None
+) -> list[str]:
+    """Return SUMO's command line for a run without output, teleports or insertion checks.
+
+    Where SUMO drives the ego its lane changes take their time, and followers in both lanes see it meanwhile.
+    Without the option it would jump. Nobody else changes lanes by himself, so the option is the ego's alone;
+    for an ego that is moved by its pose it would be wrong, SUMO would never free the old lane.
+    """
     options = {
         "net-file": net_file,
         "additional-files": types_file,
@@ -76,6 +103,8 @@ def sumo_command(net_file: Path, types_file: Path, dt: float, seed: int) -> list
         "insertion-checks": "none",
         "lanechange.overtake-right": "true",
     }
+    if ego_driver is not None:
+        options["lanechange.duration"] = ego_driver.lane_change_time
     return ["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import Problem
+from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.ghost import image_lane, second_lane
 from sumo_hmdp.sim.sumo_input import Network
@@ -26,12 +27,14 @@ class WorldSettings:
         road: the same road; opening the world checks that they agree.
         dt: simulation step, a multiple of 1 ms [s].
         seed: SUMO's seed. Nothing random is left for SUMO to decide.
+        ego_driver: how SUMO drives the ego, None where the ego is moved by its pose.
     """
 
     net_file: Path
     road: Road
     dt: float
     seed: int
+    ego_driver: SumoDriver | None = None
 
 
 def world_problems(settings: WorldSettings, ego: VehicleState, others: Sequence[Spawn]) -> list[Problem]:
@@ -39,6 +42,13 @@ def world_problems(settings: WorldSettings, ego: VehicleState, others: Sequence[
     problems = [*_settings_mistakes(settings), *(Problem("ego", text) for text in pose_mistakes(ego))]
     if ego.id != EGO_ID:
         problems.append(Problem("ego.id", f"id must be {EGO_ID!r}, got {ego.id!r}."))
+    driver = settings.ego_driver
+    if driver is not None and not driver.desired_speed >= ego.speed:
+        message = (
+            f"desired_speed must be at least the speed {ego.speed} m/s at which the ego starts, got "
+            f"{driver.desired_speed} m/s; SUMO would brake it as in an emergency. Raise it."
+        )
+        problems.append(Problem("ego.desired_speed", message))
     problems += spawn_problems(others, settings.road)
     return problems
 
@@ -108,19 +118,27 @@ def pose_mistakes(vehicle: VehicleState) -> Iterator[str]:
 
 
 def command_problems(
-    moved: Sequence[VehicleState], speeds: Mapping[str, float], kinds: Mapping[str, DriverKind]
+    moved: Sequence[VehicleState],
+    speeds: Mapping[str, float],
+    kinds: Mapping[str, DriverKind],
+    *,
+    sumo_drives_ego: bool = False,
 ) -> list[Problem]:
     """List what is wrong with the commands of one step.
 
     Args:
-        moved: the ego first, then the posed vehicles.
+        moved: the ego first, unless SUMO drives it, then the posed vehicles.
         speeds: [m/s] of the scripted vehicles.
         kinds: the driver of every surrounding vehicle on the road.
+        sumo_drives_ego: whether it does.
     """
     problems = [Problem(vehicle.id, text) for vehicle in moved for text in pose_mistakes(vehicle)]
-    if moved[0].id != EGO_ID:
-        problems.append(Problem("ego", f"the first pose must be the ego's, got {moved[0].id!r}."))
-    problems += _membership("poses", [vehicle.id for vehicle in moved[1:]], DriverKind.POSED, kinds)
+    posed = [vehicle.id for vehicle in moved]
+    if not sumo_drives_ego:
+        if posed[:1] != [EGO_ID]:
+            problems.append(Problem("ego", f"the first pose must be the ego's, got {posed[:1]}."))
+        posed = posed[1:]
+    problems += _membership("poses", posed, DriverKind.POSED, kinds)
     problems += _membership("speeds", speeds, DriverKind.SCRIPTED, kinds)
     for vehicle_id, speed in speeds.items():
         if not (math.isfinite(speed) and speed >= 0.0):

@@ -92,7 +92,8 @@ function eventList() {
     time: change.time_s, kind: change.left ? "left" : "right",
     text: `lane change to the ${change.left ? "left" : "right"}, now lane ${change.lane}`,
   }));
-  const statuses = statusRuns().filter((run) => run.status !== "optimal").map((run) => ({
+  // A rule's decisions are neither optimal nor a departure from it.
+  const statuses = statusRuns().filter((run) => !["optimal", "rule"].includes(run.status)).map((run) => ({
     time: run.from, until: run.until, kind: run.status,
     text: `${run.count > 1 ? `${run.count} decisions ` : ""}${run.status}${run.reason ? `: ${run.reason}` : ""}`,
   }));

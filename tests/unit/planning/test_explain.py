@@ -8,7 +8,7 @@ import pytest
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.explain import explain
-from sumo_hmdp.planning.first_actions import Verdict
+from sumo_hmdp.planning.first_actions import TooLargeToExplainError, Verdict
 from sumo_hmdp.planning.problem_file import parse_problem
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "decisions").glob("*.json"))
@@ -158,6 +158,13 @@ def test_overlapping_stretches_are_one_and_the_outermost_branches_bound_it():
     below, above = found.steps[1].lanes[0].windows
     assert (below.high.vehicle_id, below.high.x) == ("a", pytest.approx(30.0))
     assert (above.low.vehicle_id, above.low.x) == ("b", pytest.approx(65.0))
+
+
+def test_a_horizon_that_the_search_cannot_hold_is_refused():
+    # 18 steps: some 9 million sequences of modes; times 8 bytes and 2 x 2 windows or more.
+    problem = parse_problem(document(horizon_steps=18))
+    with pytest.raises(TooLargeToExplainError, match=r"horizon_steps 18\)\. Explain a shorter horizon"):
+        explain(problem, answer(problem, "milp"))
 
 
 @pytest.mark.parametrize("solver", ["milp", "search"])
