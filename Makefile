@@ -5,7 +5,7 @@ VENV_PYTHON := .venv/bin/python -P
 SOURCES := $(shell find sumo_hmdp networks scenarios -type f -not -name '*.pyc')
 OUT ?= results
 
-.PHONY: help setup study test check lock clean
+.PHONY: help setup study test check browser bench lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -34,9 +34,19 @@ check: setup ## the fast part of the tests: format, lint, types, import rules
 	$(VENV_PYTHON) -m mypy
 	.venv/bin/lint-imports
 
-test: check ## everything that must hold: check, then all tests on the installed package with coverage
+browser: # pages are tested in a real browser; where a container lacks one, Debian's is installed
+	@command -v chromium chromium-browser google-chrome >/dev/null || { \
+	  [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && \
+	  apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium >/dev/null; \
+	} || echo "no Chromium or Chrome here: the tests of pages will be skipped"
+
+test: check browser ## everything that must hold: check, then all tests on the installed package with coverage
 	$(VENV_PYTHON) -m coverage erase
 	$(VENV_PYTHON) -m pytest -n 2 --cov --cov-report=term
+
+bench: setup ## decision times by horizon and vehicles, into docs/benchmarks.md (about ten minutes)
+	$(VENV_PYTHON) analysis/04_decision_times.py > docs/benchmarks.md.partial
+	mv docs/benchmarks.md.partial docs/benchmarks.md
 
 lock: ## pin today's versions of all dependencies
 	rm -rf .venv-lock && $(PYTHON) -m venv .venv-lock

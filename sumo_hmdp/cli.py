@@ -177,7 +177,7 @@ def run(
     from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
     from sumo_hmdp.study.record import RunStatus, Trace
     from sumo_hmdp.study.run import save
-    from sumo_hmdp.study.store import page_path, traceback_path, writable_folder
+    from sumo_hmdp.study.store import dispute_path, page_path, traceback_path, writable_folder
 
     ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
     folder = writable_folder(out_dir)
@@ -193,6 +193,8 @@ def run(
     typer.echo(shown)
     if record.status is RunStatus.FAILED:
         _say(f"the run failed: {record.reason}; the traceback is in {traceback_path(folder, record.run_id)}")
+        if record.disputed is not None:
+            _say(f"the decision that the solvers dispute is in {dispute_path(folder, record.run_id)}")
         raise typer.Exit(FAILED)
     if record.status is RunStatus.INTERRUPTED:
         _say("interrupted; everything up to here was kept")
@@ -261,6 +263,8 @@ def summary_table(record: "RunRecord") -> "Table":
         if (share := record.row[f"{name}_share"]) is not None
     )
     table.add_row("statuses", shares or ("rule" if record.row["decision_count"] else "none"))
+    if not record.row["reproducible"]:
+        table.add_row("not reproducible", "the deadline was enforced: results depend on the machine's speed")
     table.add_row("trace hash", record.row["trace_hash"][:16])
     return table
 

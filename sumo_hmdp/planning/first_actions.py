@@ -19,9 +19,10 @@ from sumo_hmdp.planning.decide import Answer, Shortfall, make_plan, violation_of
 from sumo_hmdp.planning.problem import DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.search import search_best, search_relaxed
 
-
 # The largest table that the search may make to explain a decision [bytes]; it holds a few of that size at a time.
 TABLE_LIMIT = 2 * 2**30
+# About how many numbers a sequence of modes takes by itself.
+SEQUENCE_NUMBERS = 16
 
 
 class TooLargeToExplainError(SumoHmdpError):
@@ -91,13 +92,16 @@ def first_actions(problem: DecisionProblem, answer: Answer) -> tuple[FirstAction
 
 
 def _require_searchable(problem: DecisionProblem, answer: Answer) -> None:
-    """Refuse what the search cannot hold: per step a number for every sequence of modes and pair of windows."""
+    """Refuse what the search cannot hold: per step a number for every sequence of modes and pair of windows.
+
+    Where there are few windows, the sequences themselves take the most.
+    """
     # How many sequences of modes end with each mode, speed limits aside.
     ways = {mode: int(mode == problem.ego.mode) for mode in Mode}
     windows, largest = 1, 0
     for stage in answer.corridors.stages:
         ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
-        largest = max(largest, 8 * sum(ways.values()) * windows * len(stage.lane))
+        largest = max(largest, 8 * sum(ways.values()) * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
         windows = len(stage.lane)
     if largest > TABLE_LIMIT:
         raise TooLargeToExplainError(

@@ -14,8 +14,17 @@ from dataclasses import dataclass
 
 import pyomo.environ as pyo
 
-MODES = (1, 0, -1)
-LATERALS = (-1, 0, 1)
+from sumo_hmdp.planning.milp_terms import (
+    LATERALS,
+    MODES,
+    has_stopped,
+    lattice_point,
+    mode_is,
+    speed_gain,
+    speed_gained,
+    speed_level,
+    total_violation,
+)
 
 
 @dataclass(frozen=True)
@@ -140,63 +149,6 @@ def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
     if shape.relaxed:
         model.short_behind = pyo.Var(model.K, domain=pyo.NonNegativeReals)
         model.short_ahead = pyo.Var(model.K, domain=pyo.NonNegativeReals)
-
-
-def mode_is(model: pyo.ConcreteModel, k: int, mode: int) -> pyo.Expression:
-    """Indicate that step k runs in a mode."""
-    return sum(model.u[k, mode, lateral] for lateral in LATERALS)
-
-
-def mode_value(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return the mode of step k, s_acc - s_dec."""
-    return mode_is(model, k, 1) - mode_is(model, k, -1)
-
-
-def speed_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return n_k, the sum of the modes of steps 1..k; a step that stops or stands does not lower it."""
-    level = sum(mode_value(model, j) for j in range(1, k + 1))
-    if hasattr(model, "stop"):
-        level += sum(model.stop[j] + model.stand[j] for j in range(1, k + 1))
-    return level
-
-
-def speed_gain(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return (v_k - v_0) / (accel T); a stop loses less than a speed step."""
-    gain = whole_speed_steps(model, k)
-    return gain + model.data.lost_share * has_stopped(model, k) if hasattr(model, "stop") else gain
-
-
-def speed_gained(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return v_k - v_0 [m/s]."""
-    gained = model.data.speed_step * whole_speed_steps(model, k)
-    return gained + model.data.lost_speed * has_stopped(model, k) if hasattr(model, "stop") else gained
-
-
-def whole_speed_steps(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return by how many speed steps v_k is above v_0, but for the part of a step that a stop does not lose."""
-    steps = sum(mode_value(model, j) for j in range(1, k + 1))
-    if hasattr(model, "stop"):
-        steps += sum(model.stand[j] for j in range(1, k + 1))
-    return steps
-
-
-def lattice_point(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Return s_k, the ego's position in lattice units ahead of cruising (docs/formulation.md, eq. 11).
-
-    Braking from the share r of a speed step to rest covers r^2 units instead of 2 r - 1, that is (1 - r)^2 more, and
-    leaves 1 - r speed steps more for the steps that follow; who stands covers none.
-    """
-    point = sum((2 * (k - j) + 1) * mode_value(model, j) for j in range(1, k + 1))
-    if hasattr(model, "stop"):
-        for j in range(1, k + 1):
-            point += (2 * (k - j) + 1) * model.stand[j]
-            point += 2 * (k - j) * model.data.lost_share * model.stop[j] + model.data.lost_share_squared * model.stop[j]
-    return point
-
-
-def has_stopped(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Indicate that a stop happened in steps 1..k: phase 1."""
-    return sum(model.stop[j] for j in range(1, k + 1))
 
 
 def rest_needs_braking(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -348,11 +300,6 @@ def soft_ahead(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
         lattice_point(model, k)
         <= sum(model.data.soft_high[k, i] * model.z[k, i] for i in model.I) + model.short_ahead[k]
     )
-
-
-def total_violation(model: pyo.ConcreteModel) -> pyo.Expression:
-    """Return the violation of all steps in lattice units."""
-    return sum(model.short_behind[k] + model.short_ahead[k] for k in model.K)
 
 
 def violation_cap(model: pyo.ConcreteModel) -> pyo.Expression:

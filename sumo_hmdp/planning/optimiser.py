@@ -11,7 +11,8 @@ from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.milp import LATERALS, MODES, Shape
+from sumo_hmdp.planning.milp import Shape
+from sumo_hmdp.planning.milp_terms import LATERALS, MODES
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 
 FloatArray = NDArray[np.float64]

@@ -43,20 +43,26 @@ class ModeTree:
     speed: FloatArray
 
 
-def mode_tree(lattice: EgoLattice, start_mode: Mode) -> list[ModeTree]:
-    """Return the sequences of modes that keep the speed limits, step by step; the root comes first."""
+def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) -> list[ModeTree]:
+    """Return the sequences of modes that keep the speed limits, step by step; the root comes first.
+
+    Args:
+        lattice: of the ego.
+        start_mode: its mode now.
+        first: mode of the first step; None leaves it open.
+    """
     zero = np.zeros(1, dtype=np.int64)
     root = ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1), np.array([lattice.speed]))
     steps = [root]
-    for _ in range(lattice.steps):
-        steps.append(_extend(lattice, steps[-1]))
+    for k in range(lattice.steps):
+        steps.append(_extend(lattice, steps[-1], _MODES if k or first is None else np.array([int(first)])))
     return steps
 
 
-def _extend(lattice: EgoLattice, before: ModeTree) -> ModeTree:
-    """Extend every prefix by each mode at most one level away (docs/formulation.md, eq. 11)."""
-    parent, choice = np.nonzero(np.abs(before.mode[:, None] - _MODES) <= 1)
-    mode = _MODES[choice]
+def _extend(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
+    """Extend every prefix by each of some modes that is at most one level away (docs/formulation.md, eq. 11)."""
+    parent, choice = np.nonzero(np.abs(before.mode[:, None] - modes) <= 1)
+    mode = modes[choice]
     level = before.level[parent] + mode
     phase = before.phase[parent]
     point = before.point[parent] + 2 * (before.level[parent] - phase * lattice.rest_share) + mode
@@ -90,7 +96,7 @@ def search_best(
         corridors: carved with safe distances.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    tree = mode_tree(lattice, problem.ego.mode)
+    tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     return _cheapest(problem, lattice, corridors, tree, _usable(problem, corridors, tree, first))
 
 
@@ -105,7 +111,7 @@ def search_relaxed(
         corridors: carved with contact distances; the safe distances are their soft ends.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    tree = mode_tree(lattice, problem.ego.mode)
+    tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     shortfall = []
     usable = _usable(problem, corridors, tree, first)
     for stage, prefixes, inside in zip(corridors.stages, tree[1:], usable, strict=True):
@@ -136,11 +142,10 @@ def search_relaxed(
 def _usable(
     problem: DecisionProblem, corridors: Corridors, tree: list[ModeTree], first: Maneuver | None
 ) -> list[BoolArray]:
-    """Tell per step which windows each prefix may use: it is inside of them and begins as asked, (P, N) each."""
+    """Tell per step which windows each prefix may use, (P, N) each: it is inside of them, and the first is as asked."""
     usable = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]
     if first is not None:
-        lateral, mode = first
-        usable[0] &= (tree[1].mode == mode)[:, None] & (corridors.stages[0].lane == problem.ego.lane + lateral)
+        usable[0] &= corridors.stages[0].lane == problem.ego.lane + first[0]
     return usable
 
 

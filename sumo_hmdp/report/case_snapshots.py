@@ -12,13 +12,16 @@ from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.report.case_data import CaseBranch, CaseDecision, CaseRun
 from sumo_hmdp.report.case_road import (
+    HALO,
     MODE_COLORS,
     ORANGE,
     PURPLE,
     RoadView,
     draw_road,
     draw_vehicles,
+    label_of,
     letter,
+    named,
     panels,
     style,
     told,
@@ -69,6 +72,7 @@ def strip_snapshots(run: CaseRun, times: Sequence[float], view: RoadView, title:
             here = _panel(axes[index], run, view, time, index)
             decision = run.decision_at(time)
             draw_strips(axes[index], run, here, time)
+            _tell_speed(axes[index], run, here, time)
             _plan(axes[index], run, here, decision)
         _finish(figure, axes[-1], title, _strip_legend() if run.safe_distance is not None else [])
         return figure
@@ -95,8 +99,22 @@ def draw_strips(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
         mode, (probability, end) = max(shares.items(), key=lambda share: share[1][0])
         place = (end - view.zero, y + STRIP_PLACE[mode])
         axes.annotate(
-            f"{probability:.2f}", place, (1.5, 0.0), textcoords="offset points", va="center", fontsize=6.0, zorder=2.5
-        )
+            f"{probability:.2f}", place, (1.5, 0.0), textcoords="offset points", va="center", fontsize=6.0,
+            zorder=3.2, path_effects=HALO,
+        )  # fmt: skip
+
+
+def _tell_speed(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
+    """Write how fast the vehicle is that comes up in the left lane, where that lane is free."""
+    motion = next(named(run))
+    at = motion.index(time)
+    words = f"{label_of(motion.vehicle_id)}: {motion.speed[at]:.1f} m/s"
+    if abs(motion.accel[at]) >= 0.05:
+        words += f", {motion.accel[at]:+.1f} m/s\N{SUPERSCRIPT TWO}".replace("-", "\N{MINUS SIGN}")
+    place = (view.high, run.center_y(1))
+    axes.annotate(
+        words, place, (-2.0, 0.0), textcoords="offset points", ha="right", va="center", fontsize=6.0, path_effects=HALO
+    )
 
 
 def _opacity(probability: float) -> float:
@@ -120,12 +138,14 @@ def _plan(axes: Axes, run: CaseRun, view: RoadView, decision: CaseDecision) -> N
     """Draw where the plan has the ego at the ends of the steps, on the centres of the lanes that it intends."""
     places = [(point.x - view.zero, run.center_y(point.lane)) for point in decision.plan]
     if places:
-        axes.plot(*zip(*places, strict=True), linestyle="", marker="+", markersize=3.5, color="black", zorder=3.5)
+        axes.plot(*zip(*places, strict=True), linestyle="", marker="+", markersize=3.5, color="black", zorder=2.8)
 
 
 def _branch(axes: Axes, run: CaseRun, view: RoadView, branch: CaseBranch, time: float) -> None:
     motion = run.motions[branch.vehicle_id]
     at = motion.index(time)
+    if not view.low < float(motion.x[at]) - view.zero < view.high:
+        return
     # A branch begins in the lane that the vehicle intends; where it keeps that, its mean never leaves the centre line.
     changes = len(set(branch.lanes)) > 1 or abs(run.center_y(branch.lanes[0]) - float(motion.y[at])) > run.lane_width / 2
     color = ORANGE if changes else PURPLE

@@ -117,7 +117,9 @@ class LibsumoWorld:
         """Return the ego: as SUMO has driven it, in the lane that SUMO has it in, or as it was last commanded."""
         return self._ego
 
-    def advance(self, ego: VehicleState | None, speeds: Mapping[str, float], poses: Iterable[VehicleState] = ()) -> None:
+    def advance(
+        self, ego: VehicleState | None, speeds: Mapping[str, float], poses: Iterable[VehicleState] = ()
+    ) -> None:
         """Carry the world on by one step, at whose end the ego and the posed vehicles are as commanded.
 
         A scripted vehicle moves by its new speed, x+ = x + v+ dt. IDM vehicles react to the state before.
@@ -195,19 +197,10 @@ class LibsumoWorld:
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
-        road, dt = self.settings.road, self.settings.dt
-        present = [] if self.step == 0 else [ego, *self._on_road]
-        still_waiting = []
-        for spawn in self._waiting:
-            if checks.entry_step(spawn, dt) > self.step or any(
-                checks.blocks(other, spawn, road, dt) for other in present
-            ):
-                still_waiting.append(spawn)
-            else:
-                self._add(spawn, spawn.id, spawn.lane, spawn.driver)
-                if self.step:
-                    present.append(checks.spawn_state(spawn, road))
-        self._waiting = still_waiting
+        present = (ego, *self._on_road)
+        due, self._waiting = checks.entering(self._waiting, present, self.step, self.settings)
+        for spawn in due:
+            self._add(spawn, spawn.id, spawn.lane, spawn.driver)
 
     def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""

@@ -103,6 +103,31 @@ def blocks(other: VehicleState, spawn: Spawn, road: Road, dt: float) -> bool:
     return spawn.lane in lanes and -spawn.length - reach < other.x - spawn.x < other.length
 
 
+def entering(
+    waiting: Sequence[Spawn], present: Iterable[VehicleState], step: int, settings: WorldSettings
+) -> tuple[list[Spawn], list[Spawn]]:
+    """Return who enters at the end of a step and who still waits; at the start nobody is in anybody's way.
+
+    Args:
+        waiting: in the order in which they may enter.
+        present: who is on the road.
+        step: the step, 0 is the start.
+        settings: road and step length.
+    """
+    due, still_waiting = [], []
+    taken = list(present) if step else []
+    for spawn in waiting:
+        if entry_step(spawn, settings.dt) > step or any(
+            blocks(other, spawn, settings.road, settings.dt) for other in taken
+        ):
+            still_waiting.append(spawn)
+        else:
+            due.append(spawn)
+            if step:
+                taken.append(spawn_state(spawn, settings.road))
+    return due, still_waiting
+
+
 def pose_mistakes(vehicle: VehicleState) -> Iterator[str]:
     """Yield what makes a pose unusable: SUMO accepts NaN without a word and then returns nonsense."""
     for name in ("x", "y", "speed", "heading"):

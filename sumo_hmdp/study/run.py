@@ -1,8 +1,9 @@
 """One run to one record: simulate, whatever happens, and write down what happened."""
 
+import json
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +13,9 @@ import pandas as pd
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.summary import run_metrics
+from sumo_hmdp.planning.decide import SolversDisagreeError
 from sumo_hmdp.planning.highs import solver_version
+from sumo_hmdp.planning.problem_file import problem_document
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld, sumo_version
@@ -21,6 +24,7 @@ from sumo_hmdp.study.store import (
     SCHEMA_VERSION,
     decision_folder,
     discard,
+    dispute_path,
     traceback_path,
     write_manifest,
     write_table,
@@ -42,6 +46,7 @@ class RunRecord:
         documents: their problems in the file form.
         manifest: configuration, versions and trace hash.
         traceback: of a failed run, empty otherwise.
+        disputed: the problem, in its file form, on which two solvers disagreed; None without such a dispute.
     """
 
     run_id: str
@@ -53,6 +58,7 @@ class RunRecord:
     documents: tuple[str | None, ...]
     manifest: dict[str, Any]
     traceback: str = ""
+    disputed: str | None = None
 
 
 def run_id_of(run: ReadyRun) -> str:
@@ -79,6 +85,7 @@ def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) ->
     recorder = Recorder(run_id_of(run))
     started = datetime.now(tz=UTC)
     status, reason, trace = RunStatus.COMPLETED, "", ""
+    disputed: str | None = None
 
     def observe(moment: Moment) -> None:
         recorder.observe(moment)
@@ -95,9 +102,12 @@ def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) ->
             raise
         text = " ".join(f"{type(error).__name__}: {error}".split())
         status, reason, trace = RunStatus.FAILED, text, traceback.format_exc()
+        if isinstance(error, SolversDisagreeError):
+            disputed = json.dumps(problem_document(error.problem))
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contacts)
-    return _record(run, recorder, status, reason, trace, started)
+    record = _record(run, recorder, status, reason, trace, started)
+    return replace(record, disputed=disputed)
 
 
 def _record(
@@ -119,6 +129,8 @@ def _record(
         "contact_at_fault_count": recorder.contacts_at_fault,
         "sumo_contact_count": recorder.sumo_contacts,
         "tracking_failure_count": recorder.qp_failures,
+        "deadline_miss_count": int((decisions["solve_time_ms"] > 1000 * run.planner.period).sum()),
+        "reproducible": not run.parameters.get("enforce_deadline", False),
         "wall_time_s": (finished - started).total_seconds(),
         "trace_hash": recorder.trace.hexdigest(),
     }
@@ -182,6 +194,8 @@ def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool)
     write_manifest(folder, record.run_id, record.manifest)
     if record.traceback:
         write_text(traceback_path(folder, record.run_id), record.traceback)
+    if record.disputed is not None:
+        write_text(dispute_path(folder, record.run_id), record.disputed + "\n")
     if dump_decisions:
         for index, document in enumerate(record.documents):
             if document is not None:

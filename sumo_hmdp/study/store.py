@@ -59,6 +59,11 @@ def traceback_path(folder: Path, run_id: str) -> Path:
     return folder / "failures" / f"{run_id}.txt"
 
 
+def dispute_path(folder: Path, run_id: str) -> Path:
+    """Return where the decision stands on which two solvers disagreed."""
+    return folder / "failures" / f"{run_id}.json"
+
+
 def decision_folder(folder: Path, run_id: str) -> Path:
     """Return where the decisions of a run stand as files."""
     return folder / "decision_files" / run_id
@@ -71,6 +76,7 @@ def discard(folder: Path, run_id: str) -> None:
     manifest_path(folder, run_id).unlink(missing_ok=True)
     page_path(folder, run_id).unlink(missing_ok=True)
     traceback_path(folder, run_id).unlink(missing_ok=True)
+    dispute_path(folder, run_id).unlink(missing_ok=True)
     for file in decision_folder(folder, run_id).glob("[0-9]*.json"):
         file.unlink()
 

@@ -102,8 +102,8 @@ def action_probabilities(problem, vehicle, lane, mode):
 def retained_sequences(problem, vehicle):
     """Return [(probability, actions)] of the action sequences that pruning leaves [5].
 
-    First the single actions below the action threshold go. Of the sequences left, those are kept that reach
-    the sequence threshold; where none does, the likeliest alone (the first of equals in the paper's order).
+    Kept is what reaches the sequence threshold and has no single action below the action threshold. Where there
+    is no such sequence, the likeliest of all is kept (the first of equals in the paper's order of actions).
     """
     horizon = problem["planner"]["horizon_steps"]
     threshold = problem["planner"]["sequence_threshold"] * (1.0 - THRESHOLD_TOLERANCE)
@@ -111,25 +111,23 @@ def retained_sequences(problem, vehicle):
     kept = []
     likeliest = (0.0, None)
 
-    def extend(lane, mode, prob, actions):
+    def extend(lane, mode, prob, actions, least):
         nonlocal likeliest
         # A product only falls as the sequence grows, so a prefix that can be neither kept nor the likeliest
         # is given up.
-        if prob < threshold and prob <= likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
+        can_be_kept = prob >= threshold and least >= action_threshold
+        if not can_be_kept and prob <= likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
             return
         if len(actions) == horizon:
-            if prob >= threshold:
+            if can_be_kept:
                 kept.append((prob, actions))
             if prob > likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
                 likeliest = (prob, actions)
             return
         for (lateral, change), p in action_probabilities(problem, vehicle, lane, mode).items():
-            if p >= action_threshold:
-                extend(lane + lateral, mode + change, prob * p, [*actions, (lateral, change)])
+            extend(lane + lateral, mode + change, prob * p, [*actions, (lateral, change)], min(least, p))
 
-    extend(vehicle["lane"], MODES[vehicle["mode"]], 1.0, [])
-    if likeliest[1] is None:
-        raise ValueError(f"{vehicle['id']}: the action threshold leaves no sequence")
+    extend(vehicle["lane"], MODES[vehicle["mode"]], 1.0, [], 1.0)
     return kept or [likeliest]
 
 

@@ -38,7 +38,7 @@ def _draw(rng, horizon, vehicles, risk_allocation):
     planner = problem["planner"]
     planner["risk_allocation"] = risk_allocation or pick(rng, ["individual", "uniform", "mixture"])
     planner["account_pruned"] = chance(rng, 0.4)
-    planner["action_threshold"] = pick(rng, [0.0, 0.01, 0.05, 0.1], [0.7, 0.1, 0.1, 0.1])
+    planner["action_threshold"] = pick(rng, [0.0, 0.01, 0.05, 0.1, 0.4], [0.7, 0.08, 0.09, 0.08, 0.05])
     # The scene `edge` has a sequence threshold of its own, which is to be met exactly.
     edge = planner["sequence_threshold"] in problems.EDGE_THRESHOLDS
     if horizon >= 4 and not edge:

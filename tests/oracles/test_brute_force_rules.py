@@ -90,6 +90,9 @@ def test_action_threshold(brute_force):
     answer = brute_force.solve(problem)
     assert answer["branches"] == {"sv1": 1}
     assert answer["pruned_prob"]["sv1"] == pytest.approx(0.2)
+    # Where every sequence has an action below it, the likeliest of all is kept.
+    problem["planner"]["action_threshold"] = 0.9
+    assert brute_force.solve(problem)["branches"] == {"sv1": 1}
 
 
 # Occupancy ---------------------------------------------------------------------------------------------------

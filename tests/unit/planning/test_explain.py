@@ -161,9 +161,9 @@ def test_overlapping_stretches_are_one_and_the_outermost_branches_bound_it():
 
 
 def test_a_horizon_that_the_search_cannot_hold_is_refused():
-    # 18 steps: some 9 million sequences of modes; times 8 bytes and 2 x 2 windows or more.
-    problem = parse_problem(document(horizon_steps=18))
-    with pytest.raises(TooLargeToExplainError, match=r"horizon_steps 18\)\. Explain a shorter horizon"):
+    # Some 50 million sequences of modes.
+    problem = parse_problem(document(horizon_steps=20))
+    with pytest.raises(TooLargeToExplainError, match=r"horizon_steps 20\)\. Explain a shorter horizon"):
         explain(problem, answer(problem, "milp"))
 
 
