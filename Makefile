@@ -13,17 +13,18 @@ help: ## list the targets
 setup: .venv/.package ## make .venv and install the package with its pinned dependencies
 
 .venv/.dependencies: pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
-	$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt hatchling
-	# The project's own metadata names what to install; the package itself follows below.
-	mkdir -p .venv/empty/sumo_hmdp .venv/empty/networks .venv/empty/scenarios
-	cp pyproject.toml README.md LICENSE .venv/empty/ && touch .venv/empty/sumo_hmdp/__init__.py
-	$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation '.venv/empty/[test]'
-	touch $@
+	@echo "setting up .venv (once, about two minutes)"
+	@$(PYTHON) -m venv .venv
+	@$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt hatchling
+	@# The project's own metadata names what to install; the package itself follows below.
+	@mkdir -p .venv/empty/sumo_hmdp .venv/empty/networks .venv/empty/scenarios
+	@cp pyproject.toml README.md LICENSE .venv/empty/ && touch .venv/empty/sumo_hmdp/__init__.py
+	@$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation '.venv/empty/[test]'
+	@touch $@
 
 .venv/.package: .venv/.dependencies $(SOURCES) README.md
-	$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall --no-build-isolation .
-	touch $@
+	@$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall --no-build-isolation .
+	@touch $@
 
 study: setup ## the main job: Case 2 in SUMO, with tables and a replay page in results/
 	.venv/bin/sumo-hmdp run case2 --out $(OUT)

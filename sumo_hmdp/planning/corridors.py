@@ -8,7 +8,7 @@ its side. The graph grows with the number of windows, not with the number of veh
 Under a distance that depends on the ego's speed, each speed level has windows of its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -260,23 +260,31 @@ def _stage(frontier: _Frontier, moves: BoolArray) -> Stage:
 
 def _moves(before: _Frontier, after: _Frontier, sweep: int, *, levelled: bool) -> BoolArray:
     """Tell which windows can follow each other, shape (N before, N after)."""
-    successors = {state: {state.after(lateral, sweep) for lateral in Lateral} for state in before.states}
-    rows = []
-    for earlier in before.pieces:
-        row = []
-        for later in after.pieces:
-            shape = (len(earlier.order), len(later.order))
-            possible = later.place.state in successors[earlier.place.state]
-            if possible and levelled:
-                possible = _levels_follow(earlier.place, later.place)
-            row.append(_same_side(earlier, later) if possible and 0 not in shape else np.zeros(shape, dtype=bool))
-        rows.append(np.concatenate(row, axis=1) if row else np.zeros((len(earlier.order), 0), dtype=bool))
-    return np.concatenate(rows, axis=0) if rows else np.zeros((0, 0), dtype=bool)
+    starts_before = np.concatenate([[0], np.cumsum([len(piece.order) for piece in before.pieces])]).astype(int)
+    starts_after = np.concatenate([[0], np.cumsum([len(piece.order) for piece in after.pieces])]).astype(int)
+    moves = np.zeros((starts_before[-1], starts_after[-1]), dtype=bool)
+    numbers: dict[tuple[LaneState, int, int], int] = {
+        (piece.place.state, piece.place.level, piece.place.phase): number for number, piece in enumerate(after.pieces)
+    }
+    for i, earlier in enumerate(before.pieces):
+        if not len(earlier.order):
+            continue
+        place = earlier.place
+        states = (place.state.after(lateral, sweep) for lateral in Lateral)
+        levels = tuple(_following_levels(place)) if levelled else ((0, 0),)
+        for j in (numbers[key] for key in ((s, *level) for s in states for level in levels) if key in numbers):
+            if len(after.pieces[j].order):
+                rows = slice(starts_before[i], starts_before[i + 1])
+                columns = slice(starts_after[j], starts_after[j + 1])
+                moves[rows, columns] = _same_side(earlier, after.pieces[j])
+    return moves
 
 
-def _levels_follow(earlier: _Place, later: _Place) -> bool:
-    """Tell whether one step can lead from one speed level to another."""
-    return abs(later.level - earlier.level) <= 1 and earlier.phase <= later.phase
+def _following_levels(place: _Place) -> Iterator[Level]:
+    """Yield the speed levels and phases that one step can lead to."""
+    for phase in range(place.phase, 2):
+        for level in range(place.level - 1, place.level + 2):
+            yield level, phase
 
 
 def _same_side(earlier: _Piece, later: _Piece) -> BoolArray:

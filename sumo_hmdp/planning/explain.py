@@ -168,7 +168,7 @@ def explain(problem: DecisionProblem, answer: Answer) -> Explanation:
         answer: of that problem.
 
     Raises:
-        planning.first_actions.TooLargeToExplainError: if the horizon is too long for the search.
+        planning.search.SearchTooLargeError: if the horizon is too long for the search.
     """
     actions = first_actions(problem, answer)
     order = likeliest_first(answer.branches)

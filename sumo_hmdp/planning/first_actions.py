@@ -11,22 +11,12 @@ from functools import cached_property
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep
-from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.planning.contacts import Contact, first_contact
 from sumo_hmdp.planning.corridors import Corridors, carve, clearances
 from sumo_hmdp.planning.cost import objective
 from sumo_hmdp.planning.decide import Answer, Shortfall, make_plan, violation_of
 from sumo_hmdp.planning.problem import DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.search import search_best, search_relaxed
-
-# The largest table that the search may make to explain a decision [bytes]; it holds a few of that size at a time.
-TABLE_LIMIT = 2 * 2**30
-# About how many numbers a sequence of modes takes by itself.
-SEQUENCE_NUMBERS = 16
-
-
-class TooLargeToExplainError(SumoHmdpError):
-    """The search would need more memory than is sensible."""
 
 
 class Verdict(StrEnum):
@@ -84,30 +74,10 @@ def first_actions(problem: DecisionProblem, answer: Answer) -> tuple[FirstAction
         Nine of them. One is chosen; its objective comes from the search and not from the answer.
 
     Raises:
-        TooLargeToExplainError: if the horizon is too long for the search.
+        planning.search.SearchTooLargeError: if the horizon is too long for the search.
     """
-    _require_searchable(problem, answer)
     judge = _Judge(problem, answer)
     return tuple(judge.action(lateral, mode) for lateral in Lateral for mode in reversed(Mode))
-
-
-def _require_searchable(problem: DecisionProblem, answer: Answer) -> None:
-    """Refuse what the search cannot hold: per step a number for every sequence of modes and pair of windows.
-
-    Where there are few windows, the sequences themselves take the most.
-    """
-    # How many sequences of modes end with each mode, speed limits aside.
-    ways = {mode: int(mode == problem.ego.mode) for mode in Mode}
-    windows, largest = 1, 0
-    for stage in answer.corridors.stages:
-        ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
-        largest = max(largest, 8 * sum(ways.values()) * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
-        windows = len(stage.lane)
-    if largest > TABLE_LIMIT:
-        raise TooLargeToExplainError(
-            f"the search behind an explanation must make no table above {TABLE_LIMIT / 2**30:g} GiB, got "
-            f"{largest / 2**30:.1f} GiB (horizon_steps {problem.settings.horizon_steps}). Explain a shorter horizon."
-        )
 
 
 @dataclass(frozen=True)

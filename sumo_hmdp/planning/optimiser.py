@@ -17,15 +17,21 @@ from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, Deci
 
 FloatArray = NDArray[np.float64]
 
-# The windows' data by name in the model: attribute of `Stage`, and what rounding may cost a bound.
+# The windows' data by name in the model: attribute of `Stage`, and in which direction the model widens it.
 _BOUNDS = {
-    "low": ("low", -UNIT_TOLERANCE),
-    "high": ("high", UNIT_TOLERANCE),
+    "low": ("low", -1.0),
+    "high": ("high", 1.0),
     "soft_low": ("soft_low", 0.0),
     "soft_high": ("soft_high", 0.0),
     "window_level": ("level", 0.0),
     "window_phase": ("phase", 0.0),
 }
+
+# HiGHS proves wrong optima where coefficients lie about as near to whole numbers as its tolerances are small. So a
+# bound keeps away from the points it lets in: halfway to the next where positions are whole, and where the ego may stop
+# by a tenth of a micron or less.
+WHOLE_SLACK = 0.5
+STOPPING_SLACK = 1e-7
 
 # Window counts are rounded up to these, so that few shapes are ever compiled.
 WINDOW_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -115,13 +121,14 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     H, width = shape.steps, shape.windows
     room = 2 * H
     tolerance = SPEED_TOLERANCE / lattice.speed_step
+    slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
     windows = {name: np.zeros((H, width)) for name in ("lane", "lane_cost", *_BOUNDS)}
     move = np.zeros((H, width, width))
     for k, stage in enumerate(corridors.stages):
         count = len(stage.lane)
         windows["lane"][k, :count] = stage.lane
-        for name, (attribute, slack) in _BOUNDS.items():
-            windows[name][k, :count] = getattr(stage, attribute) + slack
+        for name, (attribute, direction) in _BOUNDS.items():
+            windows[name][k, :count] = getattr(stage, attribute) + direction * slack
         move[k, : stage.moves.shape[0], :count] = stage.moves
     windows["lane_cost"] = np.asarray(lane_cost(preferences, windows["lane"].astype(np.int64)))
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
@@ -131,7 +138,7 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         "may_decelerate": problem.ego.mode <= 0,
         "start_lane": problem.ego.lane,
         "level_min": -lattice.levels_to_rest if lattice.stopping else np.clip(np.ceil(lowest), -room, room),
-        "level_max": np.clip(highest if lattice.stopping else np.floor(highest), -room, room),
+        "level_max": np.clip(highest + slack if lattice.stopping else np.floor(highest), -room, room),
         "speed_step": lattice.speed_step,
         "speed_error": lattice.speed - preferences.desired_speed,
         "deadband": preferences.speed_deadband,

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, BoolArray, Corridors, Stage
@@ -20,6 +21,15 @@ from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, Deci
 Maneuver = tuple[Lateral, Mode]
 
 _MODES = np.array([-1, 0, 1])
+
+# The largest table that the search may make [bytes]; it holds a few of that size at a time.
+TABLE_LIMIT = 2 * 2**30
+# About how many numbers a sequence of modes takes by itself.
+SEQUENCE_NUMBERS = 16
+
+
+class SearchTooLargeError(SumoHmdpError):
+    """The search would need more memory than is sensible."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +106,7 @@ def search_best(
         corridors: carved with safe distances.
         first: lateral action and mode to begin with; None leaves them open.
     """
+    _require_searchable(problem, corridors)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     return _cheapest(problem, lattice, corridors, tree, _usable(problem, corridors, tree, first))
 
@@ -111,6 +122,7 @@ def search_relaxed(
         corridors: carved with contact distances; the safe distances are their soft ends.
         first: lateral action and mode to begin with; None leaves them open.
     """
+    _require_searchable(problem, corridors)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     shortfall = []
     usable = _usable(problem, corridors, tree, first)
@@ -137,6 +149,25 @@ def search_relaxed(
     # A window is on a least-violation path if what leads to it and what follows add up to no more than the least.
     allowed = [here + after <= least + slack for here, after in zip(to_here[1:], onward, strict=True)]
     return _cheapest(problem, lattice, corridors, tree, allowed)
+
+
+def _require_searchable(problem: DecisionProblem, corridors: Corridors) -> None:
+    """Refuse what memory cannot hold: per step a number for every sequence of modes and pair of windows.
+
+    Where there are few windows, the sequences themselves take the most.
+    """
+    # How many sequences of modes end with each mode, speed limits aside.
+    ways = {mode: int(mode == problem.ego.mode) for mode in Mode}
+    windows, largest = 1, 0
+    for stage in corridors.stages:
+        ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
+        largest = max(largest, 8 * sum(ways.values()) * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
+        windows = len(stage.lane)
+    if largest > TABLE_LIMIT:
+        raise SearchTooLargeError(
+            f"the search must make no table above {TABLE_LIMIT / 2**30:g} GiB, got {largest / 2**30:.1f} GiB "
+            f"(horizon_steps {problem.settings.horizon_steps}). Shorten the horizon or decide with the milp solver."
+        )
 
 
 def _usable(

@@ -114,7 +114,12 @@ class LibsumoWorld:
         return self._on_road
 
     def ego(self) -> VehicleState:
-        """Return the ego: as SUMO has driven it, in the lane that SUMO has it in, or as it was last commanded."""
+        """Return the ego: as SUMO has driven it, in the lane that SUMO has it in, or as it was last commanded.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
         return self._ego
 
     def advance(

@@ -23,9 +23,7 @@ def type_id(vehicle_id: str) -> str:
     return f"type-of-{vehicle_id}"
 
 
-def vehicle_types(
-    ego: VehicleState, others: Iterable[Spawn], dt: float, ego_driver: SumoDriver | None = None
-) -> str:
+def vehicle_types(ego: VehicleState, others: Iterable[Spawn], dt: float, ego_driver: SumoDriver | None = None) -> str:
     """Return the additional file with one vehicle type for every vehicle, as XML.
 
     They are written rather than set at run time: SUMO derives part of its IDM only while it reads a type.

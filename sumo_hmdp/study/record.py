@@ -32,7 +32,7 @@ RUN_COLUMNS = {
     "decision_count": "int64", "optimal_share": "float64", "relaxed_share": "float64", "fallback_share": "float64",
     "violation_max_m": "float64", "solve_time_median_ms": "float64", "solve_time_max_ms": "float64",
     "contact_count": "int64", "contact_at_fault_count": "int64", "sumo_contact_count": "int64",
-    "tracking_failure_count": "int64", "deadline_miss_count": "int64", "reproducible": "bool",
+    "tracking_failure_count": "int64", "deadline_miss_count": "int64", "reproducible": "boolean",
     "wall_time_s": "float64", "trace_hash": "str",
 }  # fmt: skip
 

@@ -146,6 +146,7 @@ def _record(
         "dt_s": run.episode.dt,
         "period_s": run.planner.period,
         "duration_s": run.episode.duration,
+        "motion": str(run.episode.motion),
         "horizon_steps": run.parameters.get("horizon_steps"),
         "risk_level": run.parameters.get("risk_level"),
         "safe_distance_m": run.parameters.get("safe_distance_m"),

@@ -146,6 +146,19 @@ def test_clicks_seek(page):
     )
 
 
+def test_decisions_of_a_rule_are_no_events(open_page, tmp_path, manifest, steps, decisions):
+    ruled = decisions.assign(status="rule", reason="")
+    page = open_page(write_replay(tmp_path / "rule.html", manifest, steps, ruled))
+
+    page.click("#events summary")
+    listed = page.locator("#event-list button").all_inner_texts()
+
+    assert [text.partition(" s ")[2] for text in listed] == [
+        "lane change to the left, now lane 1",
+        "lane change to the right, now lane 2",
+    ]
+
+
 def test_fragment_opens_at_a_time(open_page, page_path):
     assert open_page(page_path, "#t=12.6").evaluate(STATE)["time"] == 12.6
 

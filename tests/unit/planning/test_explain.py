@@ -8,7 +8,8 @@ import pytest
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.explain import explain
-from sumo_hmdp.planning.first_actions import TooLargeToExplainError, Verdict
+from sumo_hmdp.planning.first_actions import Verdict
+from sumo_hmdp.planning.search import SearchTooLargeError
 from sumo_hmdp.planning.problem_file import parse_problem
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "decisions").glob("*.json"))
@@ -163,7 +164,7 @@ def test_overlapping_stretches_are_one_and_the_outermost_branches_bound_it():
 def test_a_horizon_that_the_search_cannot_hold_is_refused():
     # Some 50 million sequences of modes.
     problem = parse_problem(document(horizon_steps=20))
-    with pytest.raises(TooLargeToExplainError, match=r"horizon_steps 20\)\. Explain a shorter horizon"):
+    with pytest.raises(SearchTooLargeError, match=r"horizon_steps 20\)\. Shorten the horizon"):
         explain(problem, answer(problem, "milp"))
 
 
