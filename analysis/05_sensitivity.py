@@ -56,10 +56,20 @@ class Variant:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came out of a variant: the cells of its row, and whether the case's conclusion stands."""
+    """What came out of a variant: the cells of its row, and what becomes of the case's conclusion."""
 
     cells: tuple[str, ...]
-    stands: bool
+    verdict: str
+
+
+STANDS, SHORT, FALLS = "yes", "short", "**no**"
+
+
+def verdict(*, concluded: bool, kept: bool) -> str:
+    """Tell whether a conclusion stands, stands at the price of distances that are not kept, or does not."""
+    if not concluded:
+        return FALLS
+    return STANDS if kept else SHORT
 
 
 # ---- the open choices -------------------------------------------------------------------------------------------
@@ -97,7 +107,7 @@ def process_noise(value: float) -> Change:
 
 
 def change_probability(value: float) -> Change:
-    """Set the probability of each lane change that may happen, per step; where none may, of one into the middle lane."""
+    """Set the probability of each lane change that may happen, per step; where none may, of one into lane 1 or 2."""
 
     def change(document: Document) -> None:
         for vehicle in document["vehicles"]:
@@ -232,6 +242,16 @@ def changes(record: RunRecord) -> pd.DataFrame:
     return record.decisions[record.decisions["lateral"] != "keep"]
 
 
+def uneventful(record: RunRecord) -> bool:
+    """Tell whether a run came to its end without a contact."""
+    return bool(record.status == "completed")
+
+
+def kept(record: RunRecord) -> bool:
+    """Tell whether every decision found a plan that keeps all distances."""
+    return bool((record.decisions["status"] == "optimal").all())
+
+
 def shares(record: RunRecord) -> str:
     """Return which decisions were not optimal, and by how much the worst of them fell short."""
     short = record.decisions[record.decisions["status"] != "optimal"]
@@ -276,11 +296,10 @@ def case1_outcome(record: RunRecord, document: Document) -> Outcome:
         back = moves[(moves["time_s"] > lane_3["time_s"].iloc[0]) & (moves["lane"] == 2)]["time_s"]
         gap_taken = any(lead["sv1"].loc[t] > 0 > lead["sv2"].loc[t] for t in back)
     ahead = [series.iloc[-1] for series in lead.values()]
-    kept = bool((record.decisions["status"] == "optimal").all()) and record.status == "completed"
-    stands = bool(ego["intended_lane"].iloc[-1] == 1 and at_speed and gap_taken and ahead[0] > 0 and kept)
+    concluded = bool(ego["intended_lane"].iloc[-1] == 1 and at_speed and gap_taken and ahead[0] > 0)
     route = ", ".join(f"{d.lane} at {d.time_s:.1f}" for d in moves.itertuples()) or "2 throughout"
     cells = (route, str(ego["lane"].iloc[-1]), f"{ego['speed_mps'].iloc[-1]:.1f}", *(f"{x:.0f}" for x in ahead))
-    return Outcome((*cells, shares(record)), stands)
+    return Outcome((*cells, shares(record)), verdict(concluded=uneventful(record) and concluded, kept=kept(record)))
 
 
 CASE2_COLUMNS = (
@@ -296,7 +315,6 @@ def case2_outcome(record: RunRecord, _: Document) -> Outcome:
     overtakes = bool(ego["x_m"].iloc[-1] > sv2["x_m"].iloc[-1])
     back = moves[moves["lateral"] == "right"]
     braking = max(0.0, -sv1["accel_mps2"].min())
-    kept = bool((record.decisions["status"] == "optimal").all()) and record.status == "completed"
     at_home = bool(len(back)) and ego["lane"].iloc[-1] == 2
     cells = (
         f"{moves['time_s'].iloc[0]:.1f}" if len(moves) else "none",
@@ -309,7 +327,8 @@ def case2_outcome(record: RunRecord, _: Document) -> Outcome:
         f"{sv1['x_m'].iloc[-1] - sv1['x_m'].iloc[0]:.0f}",
         f"{ego['speed_mps'].max():.1f}",
     )
-    return Outcome(cells, overtakes and at_home and kept and braking == 0.0)
+    concluded = uneventful(record) and overtakes and at_home and braking == 0.0
+    return Outcome(cells, verdict(concluded=concluded, kept=kept(record)))
 
 
 CASE3_COLUMNS = ("first change [s]", "at x [m]", "as cheap from [s]", "all optimal", "touches SV1")
@@ -321,7 +340,7 @@ def case3_outcome(records: Sequence[RunRecord], folder: Path) -> Outcome:
     times = [np.inf if row is None else row["time_s"] for row in first]
     places = [np.inf if row is None else row["ego_x_m"] for row in first]
     early = [earliest_tie(record, folder) for record in records]
-    optimal = all((record.decisions["status"] == "optimal").all() for record in records)
+    optimal = all(kept(record) for record in records)
     touched = [f"{e:g}" for e, record in zip(RISK_LEVELS, records, strict=True) if record.status == "contact"]
     cells = (
         ", ".join(f"{t:.2f}" for t in times),
@@ -331,18 +350,17 @@ def case3_outcome(records: Sequence[RunRecord], folder: Path) -> Outcome:
         f"eps {', '.join(touched)}" if touched else "no",
     )
     rises = bool(np.isfinite(times).all() and (np.diff(times) > 0).all() and (np.diff(places) > 0).all())
-    return Outcome(cells, rises)
+    return Outcome(cells, verdict(concluded=rises, kept=optimal))
 
 
 def earliest_tie(record: RunRecord, folder: Path) -> float | None:
     """Return the first decision at which a lane change at once is as cheap as what was chosen [s]."""
     file = folder / "problem.json"
-    for time, document in zip(record.decisions["time_s"], record.documents, strict=True):
-        if document is None:
-            continue
-        planner = json.loads(document)["planner"]
-        # Before that no lane change pays: it costs 2, and staying nothing.
-        if planner.get("speed_weight", 0.0) == 0.0 and record.decisions.set_index("time_s")["objective"][time] == 0.0:
+    for time, chosen, document in zip(
+        record.decisions["time_s"], record.decisions["objective"], record.documents, strict=True
+    ):
+        # A lane change costs something, so it is not as cheap as a plan that costs nothing.
+        if document is None or chosen == 0.0:
             continue
         file.write_text(document, encoding="utf-8")
         problem = read_problem(file)
@@ -355,43 +373,54 @@ def earliest_tie(record: RunRecord, folder: Path) -> float | None:
 
 # ---- the page ---------------------------------------------------------------------------------------------------
 
+INTRODUCTION = """# What hangs on the open choices
+
+Generated by `python analysis/05_sensitivity.py > docs/sensitivity.md`; do not edit.
+
+The paper leaves values open that its three cases need; the scenarios choose them, with a reason each. Here one of them
+at a time is varied around the scenario's value (in bold), and `no preferences` is the paper's cost alone.
+
+*Stands* is `yes` where the case's conclusion comes out, `short` where it does but some decision found no plan that
+keeps every distance, and `no` where it does not."""
+
+CONCLUSION_1 = """
+the ego ends in lane 1 at the desired speed (within the dead band), with SV1 passed, by way of lane 3 and of the gap
+between SV1 and SV2."""
+
+CONCLUSION_2 = """
+the ego overtakes SV2 and returns to lane 2, and SV1 never brakes. Distances covered are from the start; the least
+distance kept is to a vehicle in the lane that the ego intended for the last period."""
+
+CONCLUSION_3 = f"""
+time and place of the first lane-change decision rise strictly over the risk levels {", ".join(map(str, RISK_LEVELS))}
+(in this order in each cell). *As cheap from* is the first decision at which changing at once costs no more than what
+was chosen: between plans of one cost the solver is free."""
+
 CASES = {
-    1: (
-        CASE1_COLUMNS,
-        "ends in lane 1 at the desired speed (within the dead band), with SV1 passed, by way of lane 3 and of the gap "
-        "between SV1 and SV2; every decision keeps its distances.",
-    ),
-    2: (
-        CASE2_COLUMNS,
-        "overtakes SV2 and returns to lane 2; every decision keeps its distances, and SV1 never brakes. Distances are "
-        "from the start.",
-    ),
-    3: (
-        CASE3_COLUMNS,
-        f"time and place of the first lane-change decision rise strictly over the risk levels "
-        f"{', '.join(f'{e:g}' for e in RISK_LEVELS)} (in this order in each cell). *As cheap from* is the first decision "
-        "at which changing at once costs no more than what was chosen: between plans of one cost the solver is free.",
-    ),
-}  # fmt: skip
+    1: (CASE1_COLUMNS, CONCLUSION_1),
+    2: (CASE2_COLUMNS, CONCLUSION_2),
+    3: (CASE3_COLUMNS, CONCLUSION_3),
+}
 
 
 def page(case: int, rows: Sequence[tuple[Variant, Outcome]]) -> None:
     """Print the section of one case."""
     columns, conclusion = CASES[case]
-    print(f"\n## Case {case}\n")
-    print(f"The conclusion stands (*yes*) where the ego {conclusion}\n" if case != 3 else f"The conclusion: {conclusion}\n")
+    print(f"\n## Case {case}\n\nConclusion: {conclusion.strip()}\n")
     head = ("choice", "value", "stands", *columns)
     print(f"| {' | '.join(head)} |")
     print(f"|{'---|' * len(head)}")
     for variant, result in rows:
-        print(f"| {variant.choice} | {variant.value} | {'yes' if result.stands else '**no**'} | {' | '.join(result.cells)} |")
-    lost: dict[str, list[str]] = {}
-    for variant, result in rows:
-        if not result.stands:
-            lost.setdefault(variant.choice, []).append(variant.value)
-    count = sum(result.stands for _, result in rows)
-    listed = "; ".join(f"{choice} {', '.join(values)}".strip() for choice, values in lost.items())
-    print(f"\nIt stands in {count} of {len(rows)} rows." + (f" It does not for: {listed}." if lost else ""))
+        print(f"| {' | '.join((variant.choice, variant.value, result.verdict, *result.cells))} |")
+    print(f"\nIt stands in {sum(result.verdict == STANDS for _, result in rows)} of {len(rows)} rows.")
+    for meaning, sought in (("Not all distances are kept", SHORT), ("It does not stand", FALLS)):
+        found: dict[str, list[str]] = {}
+        for variant, result in rows:
+            if result.verdict == sought:
+                found.setdefault(variant.choice, []).append(variant.value)
+        if found:
+            listed = "; ".join(f"{choice} {', '.join(values)}".strip() for choice, values in found.items())
+            print(f"{meaning} for: {listed}.")
 
 
 def main() -> None:
@@ -404,12 +433,7 @@ def main() -> None:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.processes, mp_context=context) as pool:
         done = list(zip(todo, pool.map(outcome, todo), strict=True))
-    print("# What hangs on the open choices\n")
-    print("Generated by `python analysis/05_sensitivity.py > docs/sensitivity.md`; do not edit.\n")
-    print(
-        "The paper leaves values open that its three cases need; the scenarios choose them, with a reason each. Here one of\n"
-        "them at a time is varied around the scenario's value (in bold), and `no preferences` is the paper's cost alone."
-    )
+    print(INTRODUCTION)
     for case in arguments.cases:
         page(case, [row for row in done if row[0].case == case])
 

@@ -1,11 +1,13 @@
 """The paper's figures over time or along the road: actions, speeds and trajectories of Cases 1 and 2."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -18,7 +20,6 @@ from sumo_hmdp.report.case_road import (
     VERMILLION,
     YELLOW,
     label_of,
-    letter,
     look_of,
     named,
     panels,
@@ -27,7 +28,11 @@ from sumo_hmdp.report.case_road import (
 )
 
 # How the paper's instants are marked: its text calls them yellow circles.
-INSTANT = {"linestyle": "", "marker": "o", "markersize": 5.5, "markerfacecolor": YELLOW, "markeredgecolor": "black"}
+INSTANT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 5.5, "markerfacecolor": YELLOW, "markeredgecolor": "black"}
+# Decisions that are closer have circles that touch [s].
+CLOSE = 2.0
+# When the curves of the speeds are named [s].
+NAMED_AT = 40.0
 SOLID, DASHED = "-", (0, (3.5, 1.4))
 
 
@@ -48,21 +53,16 @@ def action_history(run: CaseRun, times: Sequence[float]) -> Figure:
             axes.plot([*moments, end], [*levels, levels[-1]], drawstyle="steps-post", color=BLUE, linewidth=1.1, zorder=2)
             at = [levels[run.decisions.index(run.decision_at(time))] for time in times]
             axes.plot(times, at, zorder=2.5, **{**INSTANT, "markersize": 6.5})
-            for index, (time, level) in enumerate(zip(times, at, strict=True)):
-                side = 8.0 if axes is lower or level > 1 else -8.0
-                axes.annotate(
-                    letter(index), (time, level), (0.0, side), textcoords="offset points", ha="center", va="center",
-                    fontsize=6.5, path_effects=HALO, zorder=5,
-                )  # fmt: skip
+            _letters(axes, times, at)
             tidy(axes)
             axes.grid(axis="y", color="0.9", linewidth=0.6)
         _actions(upper, moments, lanes, [int(decision.lateral) for decision in run.decisions], up=-1)
         steps = np.diff([float(Mode.CRUISE), *modes]).astype(int).tolist()
         _actions(lower, moments, modes, steps, up=1)
         count = run.lane_count
-        upper.set_ylim(count + 0.6, 0.4)
+        upper.set_ylim(count + 0.5, 0.2)
         upper.set_yticks(range(1, count + 1), [f"lane {lane}" for lane in range(1, count + 1)])
-        lower.set_ylim(-1.5, 1.6)
+        lower.set_ylim(-1.4, 1.8)
         lower.set_yticks([int(mode) for mode in Mode], [mode.label for mode in Mode])
         upper.set_title("lane that the ego intends, and lateral actions", loc="left")
         lower.set_title("mode of the ego, and changes of mode", loc="left")
@@ -79,6 +79,18 @@ def action_history(run: CaseRun, times: Sequence[float]) -> Figure:
         return figure
 
 
+def _letters(axes: Axes, times: Sequence[float], levels: Sequence[float]) -> None:
+    """Write the marks of the snapshots beside the circles, those that are close together to their left and right."""
+    for index, (time, level) in enumerate(zip(times, levels, strict=True)):
+        close_before = index > 0 and time - times[index - 1] < CLOSE
+        close_after = index + 1 < len(times) and times[index + 1] - time < CLOSE
+        offset = (-7.5, 0.0) if close_after else (7.5, 0.0) if close_before else (0.0, 9.0)
+        axes.annotate(
+            chr(ord("a") + index), (time, level), offset, textcoords="offset points", ha="center", va="center",
+            fontsize=7, path_effects=HALO, zorder=5,
+        )  # fmt: skip
+
+
 def _actions(
     axes: Axes, times: Sequence[float], levels: Sequence[float], actions: Sequence[int], up: int
 ) -> None:
@@ -89,14 +101,8 @@ def _actions(
             axes.plot(*zip(*there, strict=True), linestyle="", marker=marker, markersize=3.6, color=color, zorder=4)
 
 
-def trajectories(run: CaseRun, mark_every: float, title: str) -> Figure:
-    """Draw the paths of all vehicles that the paper shows, with a mark every so often.
-
-    Args:
-        run: the run.
-        mark_every: time between two marks [s].
-        title: of the figure.
-    """
+def trajectories(run: CaseRun, mark_every: float) -> Figure:
+    """Draw the paths of all vehicles that the paper shows in Case 1, with a mark every so often [s]."""
     with style():
         figure, (axes,) = panels(1, 2.0)
         _lanes(axes, run)
@@ -115,7 +121,7 @@ def trajectories(run: CaseRun, mark_every: float, title: str) -> Figure:
             for motion in (run.ego, *named(run))
             for look in (look_of(run, motion.vehicle_id),)
         ]  # fmt: skip
-        _finish(figure, axes, title, legend)
+        _finish(figure, axes, f"Case 1: everybody's path, a mark every {mark_every:g} s", legend)
         return figure
 
 
@@ -158,7 +164,7 @@ def speed_profiles(
     """
     with style():
         figure, (axes,) = panels(1, 2.7)
-        legend = []
+        legend: list[Line2D] = []
         for motion in (proposed.ego, *named(proposed)):
             look = look_of(proposed, motion.vehicle_id)
             other = rule_based.motions[motion.vehicle_id]
@@ -167,21 +173,22 @@ def speed_profiles(
                 axes.plot(path.times, path.speed, color=look.color, linestyle=line, linewidth=width, zorder=2)
                 label = f"{label_of(motion.vehicle_id)}, {planner}"
                 legend.append(Line2D([], [], color=look.color, linestyle=line, linewidth=width, label=label))
-                _name_curve(axes, path, f"{label_of(motion.vehicle_id)}", line is SOLID)
         triangle = INSTANT | {"marker": "^"}
         for run, instants, mark, above in ((proposed, times, INSTANT, True), (rule_based, rule_times, triangle, False)):
             at = [run.ego.index(time) for time in instants]
             axes.plot(run.ego.times[at], run.ego.speed[at], zorder=3, markeredgewidth=0.7, **mark)
             for index, place in enumerate(at):
                 axes.annotate(
-                    letter(index)[1], (run.ego.times[place], run.ego.speed[place]), (0.0, 7.5 if above else -8.0),
+                    chr(ord("a") + index), (run.ego.times[place], run.ego.speed[place]), (0.0, 7.5 if above else -8.0),
                     textcoords="offset points", ha="center", va="center", fontsize=6.5, path_effects=HALO, zorder=4,
                 )  # fmt: skip
+        _name_curves(axes, proposed, rule_based, NAMED_AT)
         legend.append(Line2D([], [], label="paper's instants, proposed", **INSTANT))
         legend.append(Line2D([], [], label="paper's instants, rules", **triangle))
         axes.set_xlim(-1.0, float(proposed.ego.times[-1]) + 1.0)
         axes.set_xlabel("time [s]", labelpad=1)
         axes.set_ylabel("speed [m/s]", labelpad=2)
+        axes.yaxis.set_major_locator(MaxNLocator(8, integer=True))
         tidy(axes)
         axes.grid(color="0.92", linewidth=0.6)
         figure.suptitle("Case 2: speeds under both planners", fontsize=8, x=0.01, ha="left")
@@ -189,12 +196,22 @@ def speed_profiles(
         return figure
 
 
-def _name_curve(axes: Axes, motion: Motion, name: str, solid: bool) -> None:  # noqa: FBT001
-    at = motion.index(40.0 if solid else 34.0)
-    place = (float(motion.times[at]), float(motion.speed[at]))
-    axes.annotate(
-        name, place, (0.0, 4.5), textcoords="offset points", ha="center", fontsize=6.5, path_effects=HALO, zorder=3
-    )
+def _name_curves(axes: Axes, proposed: CaseRun, rule_based: CaseRun, time: float) -> None:
+    """Name the curves where they no longer change, those that lie on each other together."""
+    names: list[tuple[float, str]] = []
+    for run, planner in ((proposed, ""), (rule_based, ", rules")):
+        together: dict[int, list[str]] = {}
+        for motion in (run.ego, *named(run)):
+            together.setdefault(round(float(motion.speed[motion.index(time)])), []).append(label_of(motion.vehicle_id))
+        names += [(speed, f"{' and '.join(labels)}{planner}") for speed, labels in together.items()]
+    written: set[float] = set()
+    for speed, name in names:
+        if speed not in written:
+            written.add(speed)
+            axes.annotate(
+                name, (time, speed), (0.0, 4.5), textcoords="offset points", ha="center", fontsize=6.5,
+                path_effects=HALO, zorder=3,
+            )  # fmt: skip
 
 
 def _marks(motion: Motion, every: float) -> NDArray[np.int64]:
@@ -227,5 +244,3 @@ def _finish(figure: Figure, axes: Axes, title: str, legend: list[Line2D]) -> Non
     figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     figure.legend(handles=legend, loc="outside lower left", ncols=3, handlelength=3.0, columnspacing=1.2)
 
-
-__all__ = ["action_history", "ego_trajectories", "speed_profiles", "trajectories"]

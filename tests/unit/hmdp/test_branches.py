@@ -13,10 +13,11 @@ from sumo_hmdp.hmdp.dynamics import LateralGains, Noise
 from sumo_hmdp.hmdp.policy import Policy, ScheduledPolicy, action_probabilities, dead_end
 
 KEEP = (0.0, 1.0, 0.0)
+CERTAIN = Noise()
 CRUISE = (0.0, 1.0, 0.0)
 
 
-def vehicle(lateral, longitudinal, *, lane=2, mode=Mode.CRUISE, speed=20.0, noise=Noise(), **state):
+def vehicle(lateral, longitudinal, *, lane=2, mode=Mode.CRUISE, speed=20.0, noise=CERTAIN, **state):
     rows = lateral if isinstance(lateral[0], tuple) else (lateral,) * 3
     return PredictedVehicle(
         VehicleState("sv", state.pop("x", 0.0), state.pop("y", 0.0), speed, lane, mode, **state),

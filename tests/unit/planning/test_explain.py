@@ -9,8 +9,8 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.explain import explain
 from sumo_hmdp.planning.first_actions import Verdict
-from sumo_hmdp.planning.search import SearchTooLargeError
 from sumo_hmdp.planning.problem_file import parse_problem
+from sumo_hmdp.planning.search import SearchTooLargeError
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "decisions").glob("*.json"))
 LEFT, KEEP, RIGHT = Lateral

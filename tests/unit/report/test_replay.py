@@ -255,9 +255,7 @@ def test_every_mistake_is_named_at_once(manifest, steps):
 
 
 def test_unreadable_json_is_named_with_its_row(manifest, steps):
-    decisions = pd.DataFrame(
-        [decision(0, 0.0), decision(1, 0.15, plan_json="[{"), decision(2, 0.3, branches_json="3")]
-    )
+    decisions = pd.DataFrame([decision(0, 0.0), decision(1, 0.15, plan_json="[{"), decision(2, 0.3, branches_json="3")])
 
     with pytest.raises(InputError) as raised:
         render_replay(manifest, steps, decisions)
