@@ -27,8 +27,7 @@ OPTIONS: dict[str, Any] = {
     "threads": 1,
     "mip_rel_gap": 0.0,
     "mip_abs_gap": 1e-9,
-    # Not 1e-9: presolve itself moves columns by 1e-9, and a node whose optimum is then refused is dropped all the same.
-    "mip_feasibility_tolerance": 1e-8,
+    "mip_feasibility_tolerance": 1e-9,
     "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
     # What small problems do not need: sub-MIP heuristics, symmetry, restarts.
