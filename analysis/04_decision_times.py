@@ -275,7 +275,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    print(f"<!-- analysis/{Path(__file__).name} --repeats {options.repeats} --seed {options.seed} -->\n")
+    print("# Decision times\n")
+    print(
+        f"Written by `make bench` (`analysis/{Path(__file__).name} --repeats {options.repeats} --seed {options.seed}`)."
+    )
+    print("Everything in one run on one machine, two shared cores; only the ratios carry over to another one.\n")
     by_size(rng, options.repeats)
     against_others(rng, min(options.repeats, 40))
     by_vehicles(rng, options.repeats)

@@ -4,7 +4,8 @@ Sequences of modes are kept as a tree, one array row a prefix. For every prefix 
 present step is kept; a step extends every prefix by each admissible mode and every window by each allowed move.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -61,6 +62,22 @@ def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) 
         start_mode: its mode now.
         first: mode of the first step; None leaves it open.
     """
+    H = lattice.steps
+    if first is None and not lattice.stopping and lattice.allows(-H) and lattice.allows(H):
+        # No limit is near: but for the speeds the tree is the same for every decision.
+        tree = _unlimited_tree(start_mode, H)
+        return [replace(step, speed=_speeds(lattice, step.level, step.phase)) for step in tree]
+    return _grow(lattice, start_mode, first)
+
+
+@lru_cache(maxsize=64)
+def _unlimited_tree(start_mode: Mode, steps: int) -> list[ModeTree]:
+    """Return the tree of an ego that nothing limits; its speeds mean nothing."""
+    return _grow(EgoLattice(0.0, 0.0, 1.0, 1.0, steps, -np.inf, np.inf), start_mode, None)
+
+
+def _grow(lattice: EgoLattice, start_mode: Mode, first: Mode | None) -> list[ModeTree]:
+    """Return the tree step by step."""
     zero = np.zeros(1, dtype=np.int64)
     root = ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1), np.array([lattice.speed]))
     steps = [root]
