@@ -5,7 +5,7 @@ VENV_PYTHON := .venv/bin/python -P
 SOURCES := $(shell find sumo_hmdp networks scenarios -type f -not -name '*.pyc')
 OUT ?= results
 
-.PHONY: help setup study test check browser bench lock clean
+.PHONY: help setup study test check browser paper bench lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -44,6 +44,9 @@ browser: # pages are tested in a real browser; where a container lacks one, Debi
 test: check browser ## everything that must hold: check, then all tests on the installed package with coverage
 	$(VENV_PYTHON) -m coverage erase
 	$(VENV_PYTHON) -m pytest -n 2 --cov --cov-report=term
+
+paper: setup ## every figure and claim of the paper from our runs, into docs/ (about a minute)
+	$(VENV_PYTHON) analysis/01_paper_cases.py --figures docs/figures --page docs/reproduction.md
 
 bench: setup ## decision times by horizon and vehicles, into docs/benchmarks.md (about ten minutes)
 	$(VENV_PYTHON) analysis/04_decision_times.py > docs/benchmarks.md.partial

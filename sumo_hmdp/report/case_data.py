@@ -14,7 +14,6 @@ from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL, Lateral, 
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 
-
 # Instants are multiples of the step, up to rounding [s].
 INSTANT_TOLERANCE = 1e-6
 
@@ -112,7 +111,7 @@ class CaseDecision:
 
         Returns:
             Per mode its probability, and the mean of the front bumper at the horizon's end [m] over the branches
-            that begin with it.
+            that begin with it. Only branches that were kept and recorded count, so unlikely modes fall a little short.
         """
         sums: dict[Mode, list[float]] = defaultdict(lambda: [0.0, 0.0])
         for branch in self.branches:
@@ -137,6 +136,7 @@ class CaseRun:
         motions: by vehicle id, the ego first.
         decisions: in the order of time.
         row: the run's metrics, as in the `runs` table.
+        parameters: of the planner.
         configuration: the scenario as it was run.
     """
 
@@ -149,12 +149,23 @@ class CaseRun:
     motions: Mapping[str, Motion]
     decisions: tuple[CaseDecision, ...]
     row: Mapping[str, Any]
+    parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
 
     @property
     def ego(self) -> Motion:
         """The ego's motion."""
         return self.motions[EGO_ID]
+
+    @property
+    def period(self) -> float:
+        """Time between decisions [s], 0 where there is one only."""
+        return self.decisions[1].time - self.decisions[0].time if len(self.decisions) > 1 else 0.0
+
+    def vehicle_file(self, vehicle_id: str) -> Mapping[str, Any]:
+        """Return what the scenario holds of a vehicle."""
+        vehicles: list[Mapping[str, Any]] = self.configuration["vehicles"]
+        return next(vehicle for vehicle in vehicles if vehicle["id"] == vehicle_id)
 
     def center_y(self, lane: int) -> float:
         """Return where a lane's centre is [m], equation (1)."""
@@ -197,14 +208,16 @@ def case_run(
         motions=motions,
         decisions=tuple(_decision(decision) for decision in decisions.to_dict("records")),
         row=row,
+        parameters=manifest["parameters"],
         configuration=manifest["configuration"],
     )
 
 
 def _motion(vehicle_id: str, rows: pd.DataFrame) -> Motion:
     columns = ("time_s", "x_m", "y_m", "speed_mps", "accel_mps2")
-    arrays = [rows[column].to_numpy(dtype=np.float64) for column in columns]
-    return Motion(vehicle_id, *arrays, length=float(rows["length_m"].iloc[0]), width=float(rows["width_m"].iloc[0]))
+    times, x, y, speed, accel = (rows[column].to_numpy(dtype=np.float64) for column in columns)
+    length, width = float(rows["length_m"].iloc[0]), float(rows["width_m"].iloc[0])
+    return Motion(vehicle_id, times, x, y, speed, accel, length, width)
 
 
 def _decision(row: Mapping[Any, Any]) -> CaseDecision:

@@ -8,13 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
+from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
-from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.report.case_data import CaseRun, Motion
 from sumo_hmdp.report.case_road import (
     BLUE,
-    EGO_LOOK,
     HALO,
     ORANGE,
     VERMILLION,
@@ -28,12 +28,21 @@ from sumo_hmdp.report.case_road import (
 )
 
 # How the paper's instants are marked: its text calls them yellow circles.
-INSTANT: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 5.5, "markerfacecolor": YELLOW, "markeredgecolor": "black"}
+INSTANT: dict[str, Any] = {
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 5.5,
+    "markerfacecolor": YELLOW,
+    "markeredgecolor": "black",
+}
 # Decisions that are closer have circles that touch [s].
 CLOSE = 2.0
+# Marks on a curve of speed.
+MARKS = 15
 # When the curves of the speeds are named [s].
 NAMED_AT = 40.0
-SOLID, DASHED = "-", (0, (3.5, 1.4))
+SOLID: LineStyleType = "-"
+DASHED: LineStyleType = (0.0, (3.5, 1.4))
 
 
 def action_history(run: CaseRun, times: Sequence[float]) -> Figure:
@@ -50,7 +59,7 @@ def action_history(run: CaseRun, times: Sequence[float]) -> Figure:
         lanes = [float(decision.lane) for decision in run.decisions]
         modes = [float(decision.mode) for decision in run.decisions]
         for axes, levels in ((upper, lanes), (lower, modes)):
-            axes.plot([*moments, end], [*levels, levels[-1]], drawstyle="steps-post", color=BLUE, linewidth=1.1, zorder=2)
+            axes.plot([*moments, end], [*levels, levels[-1]], drawstyle="steps-post", color=BLUE, linewidth=1, zorder=2)
             at = [levels[run.decisions.index(run.decision_at(time))] for time in times]
             axes.plot(times, at, zorder=2.5, **{**INSTANT, "markersize": 6.5})
             _letters(axes, times, at)
@@ -91,9 +100,7 @@ def _letters(axes: Axes, times: Sequence[float], levels: Sequence[float]) -> Non
         )  # fmt: skip
 
 
-def _actions(
-    axes: Axes, times: Sequence[float], levels: Sequence[float], actions: Sequence[int], up: int
-) -> None:
+def _actions(axes: Axes, times: Sequence[float], levels: Sequence[float], actions: Sequence[int], up: int) -> None:
     """Mark the decisions that change a level; `up` is the action that goes up on paper."""
     for sign, marker, color in ((up, "^", VERMILLION), (-up, "v", "black")):
         there = [(t, level) for t, level, action in zip(times, levels, actions, strict=True) if action == sign]
@@ -140,7 +147,12 @@ def ego_trajectories(proposed: CaseRun, rule_based: CaseRun, mark_every: float) 
             at = _marks(motion, mark_every)
             shade = color if run is proposed else ORANGE
             axes.plot(motion.x, motion.y, color=shade, linestyle=line, linewidth=1.0, zorder=2)
-            mark = {"marker": marker, "markersize": 4.0, "markerfacecolor": color, "markeredgecolor": "black"}
+            mark: dict[str, Any] = {
+                "marker": marker,
+                "markersize": 4.0,
+                "markerfacecolor": color,
+                "markeredgecolor": "black",
+            }
             axes.plot(motion.x[at], motion.y[at], linestyle="", markeredgewidth=0.5, zorder=3, **mark)
             legend.append(Line2D([], [], color=shade, linestyle=line, label=name, markeredgewidth=0.5, **mark))
             last = len(motion.times) - 1
@@ -169,10 +181,13 @@ def speed_profiles(
             look = look_of(proposed, motion.vehicle_id)
             other = rule_based.motions[motion.vehicle_id]
             for line, path, planner in ((SOLID, motion, "proposed"), (DASHED, other, "rules")):
-                width = 1.5 if motion is proposed.ego else 1.1
-                axes.plot(path.times, path.speed, color=look.color, linestyle=line, linewidth=width, zorder=2)
-                label = f"{label_of(motion.vehicle_id)}, {planner}"
-                legend.append(Line2D([], [], color=look.color, linestyle=line, linewidth=width, label=label))
+                look_of_curve: dict[str, Any] = {"color": look.color, "linestyle": line, "linewidth": 1.5}
+                if motion is not proposed.ego:
+                    # The ego's curves carry the instants; those of the others have marks of their own.
+                    look_of_curve |= {"linewidth": 1.0, "marker": look.marker, "markersize": 2.6}
+                every = max(1, len(path.times) // MARKS)
+                axes.plot(path.times, path.speed, zorder=2, markevery=every, **look_of_curve)
+                legend.append(Line2D([], [], label=f"{label_of(motion.vehicle_id)}, {planner}", **look_of_curve))
         triangle = INSTANT | {"marker": "^"}
         for run, instants, mark, above in ((proposed, times, INSTANT, True), (rule_based, rule_times, triangle, False)):
             at = [run.ego.index(time) for time in instants]
@@ -230,7 +245,9 @@ def _note_time(axes: Axes, motion: Motion, index: int, *, above: bool) -> None:
 def _lanes(axes: Axes, run: CaseRun) -> None:
     edge = run.lane_count * run.lane_width / 2
     for lane in range(1, run.lane_count):
-        axes.axhline(run.center_y(lane) - run.lane_width / 2, color="0.75", linewidth=0.8, linestyle=(0, (6, 4)), zorder=0)
+        axes.axhline(
+            run.center_y(lane) - run.lane_width / 2, color="0.75", linewidth=0.8, linestyle=(0, (6, 4)), zorder=0
+        )
     for y in (-edge, edge):
         axes.axhline(y, color="0.35", linewidth=0.8, zorder=0)
     axes.set_ylim(-edge - 0.2, edge + 0.2)
@@ -243,4 +260,3 @@ def _finish(figure: Figure, axes: Axes, title: str, legend: list[Line2D]) -> Non
     axes.set_ylabel("y [m]", labelpad=2)
     figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     figure.legend(handles=legend, loc="outside lower left", ncols=3, handlelength=3.0, columnspacing=1.2)
-

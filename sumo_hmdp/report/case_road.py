@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator
+from matplotlib.typing import LineStyleType, MarkerType
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.scene import EGO_ID
@@ -33,16 +34,14 @@ GREY = "#777777"
 ROAD_COLOR = "#EFEFEF"
 # Keeps text readable on whatever is below it.
 HALO = [withStroke(linewidth=1.8, foreground="white")]
-# Length and gap of the lane marks [m].
-MARK, MARK_PERIOD = 6.0, 18.0
 
 
 class Look(NamedTuple):
     """How a vehicle is drawn."""
 
     color: str
-    marker: str
-    line: str | tuple[float, tuple[float, ...]]
+    marker: MarkerType
+    line: LineStyleType
 
 
 # Red, blue and green are the colours of the paper's text.
@@ -65,6 +64,8 @@ class RoadView:
         high: right end [m from zero].
         stretch: by how much vehicles are drawn longer than they are; their fronts are where they are.
         labels: size of the letters on a vehicle [pt].
+        mark: length of a lane mark [m].
+        mark_period: from mark to mark [m].
     """
 
     zero: float
@@ -72,6 +73,8 @@ class RoadView:
     high: float
     stretch: float
     labels: float = 5.0
+    mark: float = 6.0
+    mark_period: float = 18.0
 
 
 def style() -> AbstractContextManager[None]:
@@ -97,19 +100,22 @@ def style() -> AbstractContextManager[None]:
     )
 
 
-def write_figure(figure: Figure, folder: Path, name: str) -> tuple[Path, ...]:
-    """Write a figure as SVG and PNG; the same figure gives the same bytes.
+def write_figure(
+    figure: Figure, folder: Path, name: str, suffixes: tuple[str, ...] = (".svg", ".png")
+) -> tuple[Path, ...]:
+    """Write a figure, as SVG and PNG if not asked otherwise; the same figure gives the same bytes.
 
     Args:
         figure: what to write.
         folder: made if it does not exist.
         name: of the files, without suffix.
+        suffixes: of the files, of those known to `figures.METADATA`.
 
     Returns:
         The files.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = tuple(folder / f"{name}{suffix}" for suffix in (".svg", ".png"))
+    paths = tuple(folder / f"{name}{suffix}" for suffix in suffixes)
     with style():
         for path in paths:
             figure.savefig(path, dpi=300, metadata=METADATA[path.suffix])
@@ -154,11 +160,11 @@ def draw_road(axes: Axes, run: CaseRun, view: RoadView) -> None:
     axes.set_xlim(view.low, view.high)
     axes.set_ylim(-edge - 0.3, edge + 0.3)
     axes.add_patch(Rectangle((view.low, -edge), view.high - view.low, 2 * edge, color=ROAD_COLOR, zorder=0))
-    first = np.floor((view.low + view.zero) / MARK_PERIOD) * MARK_PERIOD - view.zero
+    first = np.floor((view.low + view.zero) / view.mark_period) * view.mark_period - view.zero
     for lane in range(1, run.lane_count):
         y = run.center_y(lane) - run.lane_width / 2
-        starts = np.arange(first, view.high, MARK_PERIOD)
-        marks = [[(start, y), (start + MARK, y)] for start in starts]
+        starts = np.arange(first, view.high, view.mark_period)
+        marks = [[(start, y), (start + view.mark, y)] for start in starts]
         axes.add_collection(LineCollection(marks, colors="white", linewidths=1.2, zorder=0.5))
     for y in (-edge, edge):
         axes.axhline(y, color="0.35", linewidth=0.8, zorder=0.6)
@@ -177,7 +183,7 @@ def draw_vehicles(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None
         body = view.stretch * motion.length
         if view.low + 0.5 * body < front < view.high + 0.5 * body:
             draw_body(axes, motion, front, y, view.stretch, facecolor=look.color, edgecolor="black")
-            name = {"color": "white", "weight": "bold", "ha": "center", "clip_on": True}
+            name: dict[str, Any] = {"color": "white", "weight": "bold", "ha": "center", "clip_on": True}
             axes.text(
                 front - 0.54 * body, y - 0.05, label_of(vehicle_id), fontsize=view.labels, va="center", zorder=4, **name
             )
@@ -191,8 +197,8 @@ def _tell_far(axes: Axes, name: str, front: float, y: float, view: RoadView) -> 
     words = f"\N{BLACK LEFT-POINTING TRIANGLE} {name}" if behind else f"{name} \N{BLACK RIGHT-POINTING TRIANGLE}"
     axes.annotate(
         f"{words} {front:+.0f} m".replace("-", "\N{MINUS SIGN}"), (view.low if behind else view.high, y),
-        (1.5, 0.0) if behind else (-1.5, 0.0), textcoords="offset points", ha="left" if behind else "right", va="center",
-        fontsize=view.labels + 0.5, path_effects=HALO, zorder=4.5,
+        (1.5, 0.0) if behind else (-1.5, 0.0), textcoords="offset points", ha="left" if behind else "right",
+        va="center", fontsize=view.labels + 0.5, path_effects=HALO, zorder=4.5,
     )  # fmt: skip
 
 
@@ -225,14 +231,10 @@ def told(run: CaseRun, time: float) -> str:
     words = [f"x = {ego.x[at]:.0f} m", f"{ego.speed[at]:.1f} m/s"]
     if run.safe_distance is not None:
         words.append(decision.mode.label)
-    if decision.lateral and time - decision.time < 0.99 * _period(run):
+    if decision.lateral and time - decision.time < 0.99 * run.period:
         words.append(action[decision.lateral])
     elif abs(float(ego.y[at]) - run.center_y(decision.lane)) > 0.1:
         words.append(f"on the way to lane {decision.lane}")
     else:
         words.append(f"in lane {decision.lane}")
     return f"{time:.2f} s: {', '.join(words)}"
-
-
-def _period(run: CaseRun) -> float:
-    return run.decisions[1].time - run.decisions[0].time if len(run.decisions) > 1 else 0.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -91,7 +92,7 @@ def draw_strips(axes: Axes, run: CaseRun, view: RoadView, time: float) -> None:
         for mode, (probability, end) in shares.items():
             corner = (start, y + STRIP_PLACE[mode] - STRIP_HEIGHT / 2)
             length = end - view.zero - start
-            strip = {"linewidth": 0.4, "zorder": 1.5, "clip_on": True}
+            strip: dict[str, Any] = {"linewidth": 0.4, "zorder": 1.5, "clip_on": True}
             fill = Rectangle(corner, length, STRIP_HEIGHT, facecolor=MODE_COLORS[mode], alpha=_opacity(probability))
             axes.add_patch(fill)
             axes.add_patch(Rectangle(corner, length, STRIP_HEIGHT, facecolor="none", edgecolor="0.3", **strip))
@@ -146,8 +147,8 @@ def _branch(axes: Axes, run: CaseRun, view: RoadView, branch: CaseBranch, time: 
     at = motion.index(time)
     if not view.low < float(motion.x[at]) - view.zero < view.high:
         return
-    # A branch begins in the lane that the vehicle intends; where it keeps that, its mean never leaves the centre line.
-    changes = len(set(branch.lanes)) > 1 or abs(run.center_y(branch.lanes[0]) - float(motion.y[at])) > run.lane_width / 2
+    off_center = abs(run.center_y(branch.lanes[0]) - float(motion.y[at]))
+    changes = len(set(branch.lanes)) > 1 or off_center > run.lane_width / 2
     color = ORANGE if changes else PURPLE
     alpha = 0.25 + 0.75 * min(1.0, branch.probability / 0.3)
     x = [float(motion.x[at]) - view.zero, *(mean - view.zero for mean in branch.x)]

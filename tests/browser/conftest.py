@@ -149,21 +149,13 @@ def plan(ego, time: float) -> list[dict[str, Any]]:
         speed += accel * PERIOD
         lane = lateral(time + (k - 1) * PERIOD, 2, EGO_CHANGES)[2]
         move = "left" if lane < before else "right" if lane > before else "keep"
-        entries.append(
-            {"step": k, "lateral": move, "mode": mode_of(accel), "lane": lane, "x_m": x, "speed_mps": speed}
-        )
+        entries.append({"step": k, "lateral": move, "mode": mode_of(accel), "lane": lane, "x_m": x, "speed_mps": speed})
         before = lane
     return entries
 
 
 def decision(index: int, time: float, ego, others) -> dict[str, Any]:
-    status = (
-        "fallback"
-        if 33.0 <= time < 34.3
-        else "relaxed"
-        if 5.3 <= time < 7.0 or 30.5 <= time < 33.0
-        else "optimal"
-    )
+    status = "fallback" if 33.0 <= time < 34.3 else "relaxed" if 5.3 <= time < 7.0 or 30.5 <= time < 33.0 else "optimal"
     branches = []
     for other in others:
         if abs(other.x_m - ego.x_m) > 110:

@@ -141,9 +141,7 @@ def test_clicks_seek(page):
     assert page.evaluate(STATE)["time"] == 5.4
 
     page.click("[data-seek]")
-    assert page.evaluate(STATE)["time"] == pytest.approx(
-        float(page.get_attribute("[data-seek]", "data-seek"))
-    )
+    assert page.evaluate(STATE)["time"] == pytest.approx(float(page.get_attribute("[data-seek]", "data-seek")))
 
 
 def test_decisions_of_a_rule_are_no_events(open_page, tmp_path, manifest, steps, decisions):

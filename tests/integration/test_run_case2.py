@@ -110,7 +110,7 @@ def test_the_ego_overtakes_in_the_left_lane_without_contact_or_fallback(results)
 
 
 def test_a_decision_that_starts_too_near_in_its_lane_says_so(results):
-    """A vehicle within the safe distance in the lane that the ego intends as the decision comes: relaxed, with a reason.
+    """A vehicle within the safe distance in the lane that the ego intends as a decision comes: relaxed, with a reason.
 
     The lane that a decision chooses counts from the end of its first step on, as in the paper.
     """
