@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sumo_hmdp.errors import InputError, SumoHmdpError
+from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
 
 if TYPE_CHECKING:
@@ -102,6 +102,7 @@ def decide(
     """
     from sumo_hmdp.planning.decide import SOLVERS, answer
     from sumo_hmdp.planning.problem_file import answer_document, read_problem
+    from sumo_hmdp.planning.risk import RiskBudgetError
 
     if solver not in SOLVERS:
         raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
@@ -117,6 +118,10 @@ def decide(
             continue
         try:
             found = answer(problem, solver)
+        except RiskBudgetError as error:
+            _complain(InputError([Problem("planner.risk_level", str(error).removeprefix("risk_level "))], str(file)))
+            code = BAD_INPUT
+            continue
         except SumoHmdpError as error:
             _say(f"{file}: {error}")
             code = code or FAILED

@@ -11,7 +11,7 @@ from sumo_hmdp.domain.plan import Command, Decision, Status
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.idm import Idm
 from sumo_hmdp.planning.mobil import Mobil, neighbours
-from sumo_hmdp.planning.problem_file import NonNegative, Positive
+from sumo_hmdp.planning.problem_schema import NonNegative, Positive
 from sumo_hmdp.validation import FileModel
 
 # A rule has no modes: an acceleration below this is recorded as cruising, and nothing depends on it [m/s2].

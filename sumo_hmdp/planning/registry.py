@@ -9,7 +9,7 @@ from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
 from sumo_hmdp.planning.planner import Belief, HmdpPlanner
-from sumo_hmdp.planning.problem_file import PlannerFile
+from sumo_hmdp.planning.problem_schema import PlannerFile
 from sumo_hmdp.planning.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 from sumo_hmdp.validation import FileModel, nearest
 

@@ -10,7 +10,7 @@ from sumo_hmdp.domain.plan import Command, Decision
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.baselines import rule_decision
-from sumo_hmdp.planning.problem_file import NonNegative, Positive
+from sumo_hmdp.planning.problem_schema import NonNegative, Positive
 from sumo_hmdp.validation import FileModel
 
 # A lane centre that is passed by less, in lane widths, is not passed: SUMO's sums of small steps are not exact.

@@ -1,22 +1,31 @@
 """From a scenario file to a run that is ready to start."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from sumo_hmdp.documents import read_yaml
-from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState, Mode
+from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.hmdp.policy import ScheduledPolicy, dead_end
+from sumo_hmdp.hmdp.policy import ScheduledPolicy
 from sumo_hmdp.planning.decide import SOLVERS
 from sumo_hmdp.planning.planner import Belief
-from sumo_hmdp.planning.problem_file import dead_end_problem, planner_checks, table_checks
+from sumo_hmdp.planning.problem_checks import planner_checks
 from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
+from sumo_hmdp.scenario.checks import (
+    cross_checks,
+    data_folder,
+    dead_ends,
+    lane_count,
+    network_path,
+    planner_lane_checks,
+    start_checks,
+    time_checks,
+)
 from sumo_hmdp.scenario.schema import (
     ConstantSpeedFile,
     IdmFile,
@@ -26,10 +35,9 @@ from sumo_hmdp.scenario.schema import (
 )
 from sumo_hmdp.sim.episode import Driver, EpisodeSettings
 from sumo_hmdp.sim.motion import MotionKind
-from sumo_hmdp.sim.sumo_input import read_network
-from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
+from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
-from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn, spawn_problems
+from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 
@@ -80,12 +88,6 @@ class ReadyRun:
     configuration: Mapping[str, Any]
 
 
-def data_folder(kind: str) -> Path:
-    """Return the folder of the scenarios or networks that come with the package."""
-    packaged = Path(str(files("sumo_hmdp"))) / "_data" / kind
-    return packaged if packaged.is_dir() else Path(str(files("sumo_hmdp"))).parent / kind
-
-
 def scenario_names() -> dict[str, Path]:
     """Return the scenarios that come with the package, by name."""
     return {path.stem: path for path in sorted(data_folder("scenarios").glob("*.yaml"))}
@@ -134,15 +136,15 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
         name, parameters = _planner_parameters(raw, options)
     except InputError as error:
         problems.extend(error.problems)
-    problems.extend(_cross_checks(raw, path.parent))
+    problems.extend(cross_checks(raw, path.parent))
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
-    problems.extend(_dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(_time_checks(scenario, name, parameters))
+    problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(time_checks(scenario, name, parameters))
     if problems:
         raise InputError(problems, str(path))
-    ready = _assemble(scenario, name, parameters, options, _network_path(scenario.network, path.parent))
-    problems.extend(_start_checks(ready))
+    ready = _assemble(scenario, name, parameters, options, network_path(scenario.network, path.parent))
+    problems.extend(start_checks(ready.world, ready.episode.ego, ready.spawns, ready.planner_name))
     if problems:
         raise InputError(problems, str(path))
     return ready
@@ -169,9 +171,9 @@ def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[st
         try:
             if name == chosen:
                 kind = planner_kind(name, "--planner" if options.planner else "planner")
-                parameters = _section(kind, section, options.risk_level, _lane_count(raw))
+                parameters = _section(kind, section, options.risk_level, lane_count(raw))
             else:
-                _section(planner_kind(name, f"planners.{name}"), section, None, _lane_count(raw))
+                _section(planner_kind(name, f"planners.{name}"), section, None, lane_count(raw))
         except InputError as error:
             problems.extend(error.problems)
     if "planners" not in raw or not set(sections) <= set(planner_kinds()):
@@ -204,116 +206,10 @@ def _section(
             option = risk_level is not None and problem.path == "risk_level"
             problems.append(Problem("--epsilon" if option else f"{path}.{problem.path}", problem.message))
     problems.extend(planner_checks(values, path))
-    problems.extend(_planner_lanes(values, path, lane_count))
+    problems.extend(planner_lane_checks(values, path, lane_count))
     if problems:
         raise InputError(problems)
     return parameters
-
-
-def _lane_count(raw: Mapping[str, Any]) -> int | None:
-    lanes = raw.get("lanes")
-    count = lanes.get("count") if isinstance(lanes, Mapping) else None
-    return count if _whole(count) and count >= 1 else None
-
-
-def _whole(value: object) -> TypeGuard[int]:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _planner_lanes(section: Mapping[str, Any], path: str, count: int | None) -> Iterator[Problem]:
-    if count is None:
-        return
-    goal = section.get("goal_lane")
-    if _whole(goal) and not 1 <= goal <= count:
-        yield Problem(f"{path}.goal_lane", f"must be 1..{count}, got {goal}")
-    forbidden = section.get("forbidden_lanes")
-    if isinstance(forbidden, list):
-        for index, lane in enumerate(forbidden):
-            if _whole(lane) and not 1 <= lane <= count:
-                yield Problem(f"{path}.forbidden_lanes[{index}]", f"must be 1..{count}, got {lane}")
-        if set(range(1, count + 1)) <= {lane for lane in forbidden if _whole(lane)}:
-            yield Problem(f"{path}.forbidden_lanes", "must leave the ego at least one lane; take one out")
-
-
-def _cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
-    """Check what takes more than one field; values of a wrong type have been reported already."""
-    count = _lane_count(raw)
-    network = raw.get("network")
-    if isinstance(network, str) and not _network_path(network, folder).is_file():
-        known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
-        yield Problem(
-            "network",
-            f"must be a network that exists, got {network!r}; known are {', '.join(known)}, or give a path",
-        )
-    ego = raw.get("ego")
-    vehicles = raw.get("vehicles")
-    holders = [("ego", ego)] if isinstance(ego, Mapping) else []
-    if isinstance(vehicles, list):
-        holders += [(f"vehicles[{i}]", v) for i, v in enumerate(vehicles) if isinstance(v, Mapping)]
-    seen: set[str] = {EGO_ID}
-    for path, holder in holders:
-        lane = holder.get("lane")
-        if count is not None and _whole(lane) and not 1 <= lane <= count:
-            yield Problem(f"{path}.lane", f"must be 1..{count}, got {lane}")
-        vehicle_id = holder.get("id")
-        if isinstance(vehicle_id, str):
-            if vehicle_id in seen:
-                yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {vehicle_id!r}; rename it")
-            seen.add(vehicle_id)
-        policies = holder.get("policy")
-        for i, policy in enumerate(policies if isinstance(policies, list) else []):
-            yield from table_checks(policy, f"{path}.policy[{i}]", count)
-
-
-def _dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
-    for index, vehicle in enumerate(scenario.vehicles):
-        for i, policy in enumerate(vehicle.policy):
-            # Any mode may be the present one when the policy comes into force.
-            for mode in Mode:
-                stuck = dead_end(policy.policy(scenario.lanes.count), ManeuverState(vehicle.lane, mode), horizon)
-                if stuck is not None:
-                    yield dead_end_problem(f"vehicles[{index}].policy[{i}]", stuck)
-                    break
-
-
-def _time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
-    keys = [key for key in ("period_s", "lateral_period_s") if hasattr(parameters, key)]
-    periods = ((f"planners.{planner}.{key}", getattr(parameters, key)) for key in keys)
-    for path, value in (("duration_s", scenario.duration_s), *periods):
-        ratio = value / scenario.dt_s
-        if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6:
-            yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
-
-
-def _start_checks(ready: ReadyRun) -> Iterator[Problem]:
-    """Check that road and network agree, and that everybody starts on the road and in nobody else."""
-    where = {"ego": "ego.x_m", "dt": "dt_s", "lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "vehicles"}
-    for index, spawn in enumerate(ready.spawns):
-        where[f"vehicle {spawn.id}"] = f"vehicles[{index}].x_m"
-        where[f"vehicles[{index}].desired_speed"] = f"vehicles[{index}].driver.desired_speed_mps"
-    where["ego.desired_speed"] = f"planners.{ready.planner_name}.desired_speed_mps"
-    world, ego = ready.world, ready.episode.ego
-    try:
-        problems = [
-            *world_problems(world, ego, ()),
-            *spawn_problems(ready.spawns, world.road, "vehicles"),
-            *start_problems(read_network(world.net_file, world.road), ego, ready.spawns, world.dt),
-        ]
-    except InputError as error:
-        where[""] = "network"
-        problems = list(error.problems)
-    # A problem of the road stands once a lane, and the message repeats what the path says already.
-    for path, message in {problem.path: problem.message for problem in reversed(problems)}.items():
-        text = message[max(0, message.find("must")) :] if path in where and path else message
-        yield Problem(where.get(path, path), text)
-
-
-def _network_path(network: str, folder: Path) -> Path:
-    """Return a network's file: one of the package by its name, or a path, first from the scenario's folder."""
-    packaged = data_folder("networks") / f"{network}.net.xml"
-    if packaged.is_file():
-        return packaged
-    return folder / network if (folder / network).is_file() else Path(network)
 
 
 def _assemble(

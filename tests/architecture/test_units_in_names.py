@@ -9,7 +9,8 @@ import typer
 
 from sumo_hmdp.cli import app
 from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem_file import ProblemFile, answer_document, read_problem
+from sumo_hmdp.planning.problem_file import answer_document, read_problem
+from sumo_hmdp.planning.problem_schema import ProblemFile
 from sumo_hmdp.planning.registry import BUILT_IN
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.scenario.schema import ScenarioFile

@@ -1,0 +1,134 @@
+"""Checks of a scenario that take more than one key, and where networks and scenarios are found."""
+
+from collections.abc import Iterator, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from sumo_hmdp.domain.maneuver import ManeuverState, Mode
+from sumo_hmdp.domain.scene import EGO_ID, VehicleState
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.hmdp.policy import dead_end
+from sumo_hmdp.planning.problem_checks import dead_end_problem, table_checks
+from sumo_hmdp.scenario.schema import (
+    ScenarioFile,
+)
+from sumo_hmdp.sim.sumo_input import read_network
+from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
+from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
+
+
+def data_folder(kind: str) -> Path:
+    """Return the folder of the scenarios or networks that come with the package."""
+    packaged = Path(str(files("sumo_hmdp"))) / "_data" / kind
+    return packaged if packaged.is_dir() else Path(str(files("sumo_hmdp"))).parent / kind
+
+
+def lane_count(raw: Mapping[str, Any]) -> int | None:
+    """Return the number of lanes, None where it is not usable."""
+    lanes = raw.get("lanes")
+    count = lanes.get("count") if isinstance(lanes, Mapping) else None
+    return count if is_whole(count) and count >= 1 else None
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Tell whether a value is a whole number; true and false are none."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def planner_lane_checks(section: Mapping[str, Any], path: str, count: int | None) -> Iterator[Problem]:
+    """Check the lanes that a planner wants or avoids."""
+    if count is None:
+        return
+    goal = section.get("goal_lane")
+    if is_whole(goal) and not 1 <= goal <= count:
+        yield Problem(f"{path}.goal_lane", f"must be 1..{count}, got {goal}")
+    forbidden = section.get("forbidden_lanes")
+    if isinstance(forbidden, list):
+        for index, lane in enumerate(forbidden):
+            if is_whole(lane) and not 1 <= lane <= count:
+                yield Problem(f"{path}.forbidden_lanes[{index}]", f"must be 1..{count}, got {lane}")
+        if set(range(1, count + 1)) <= {lane for lane in forbidden if is_whole(lane)}:
+            yield Problem(f"{path}.forbidden_lanes", "must leave the ego at least one lane; take one out")
+
+
+def cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
+    """Check what takes more than one field; values of a wrong type have been reported already."""
+    count = lane_count(raw)
+    network = raw.get("network")
+    if isinstance(network, str) and not network_path(network, folder).is_file():
+        known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
+        yield Problem(
+            "network",
+            f"must be a network that exists, got {network!r}; known are {', '.join(known)}, or give a path",
+        )
+    ego = raw.get("ego")
+    vehicles = raw.get("vehicles")
+    holders = [("ego", ego)] if isinstance(ego, Mapping) else []
+    if isinstance(vehicles, list):
+        holders += [(f"vehicles[{i}]", v) for i, v in enumerate(vehicles) if isinstance(v, Mapping)]
+    seen: set[str] = {EGO_ID}
+    for path, holder in holders:
+        lane = holder.get("lane")
+        if count is not None and is_whole(lane) and not 1 <= lane <= count:
+            yield Problem(f"{path}.lane", f"must be 1..{count}, got {lane}")
+        vehicle_id = holder.get("id")
+        if isinstance(vehicle_id, str):
+            if vehicle_id in seen:
+                yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {vehicle_id!r}; rename it")
+            seen.add(vehicle_id)
+        policies = holder.get("policy")
+        for i, policy in enumerate(policies if isinstance(policies, list) else []):
+            yield from table_checks(policy, f"{path}.policy[{i}]", count)
+
+
+def dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
+    """Find policies that leave a vehicle nothing to do, whatever its mode when they come into force."""
+    for index, vehicle in enumerate(scenario.vehicles):
+        for i, policy in enumerate(vehicle.policy):
+            # Any mode may be the present one when the policy comes into force.
+            for mode in Mode:
+                stuck = dead_end(policy.policy(scenario.lanes.count), ManeuverState(vehicle.lane, mode), horizon)
+                if stuck is not None:
+                    yield dead_end_problem(f"vehicles[{index}].policy[{i}]", stuck)
+                    break
+
+
+def time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
+    """Check that durations and periods are multiples of the step."""
+    keys = [key for key in ("period_s", "lateral_period_s") if hasattr(parameters, key)]
+    periods = ((f"planners.{planner}.{key}", getattr(parameters, key)) for key in keys)
+    for path, value in (("duration_s", scenario.duration_s), *periods):
+        ratio = value / scenario.dt_s
+        if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6:
+            yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
+
+
+def start_checks(world: WorldSettings, ego: VehicleState, spawns: tuple[Spawn, ...], planner: str) -> Iterator[Problem]:
+    """Check that road and network agree, and that everybody starts on the road and in nobody else."""
+    where = {"ego": "ego.x_m", "dt": "dt_s", "lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "vehicles"}
+    for index, spawn in enumerate(spawns):
+        where[f"vehicle {spawn.id}"] = f"vehicles[{index}].x_m"
+        where[f"vehicles[{index}].desired_speed"] = f"vehicles[{index}].driver.desired_speed_mps"
+    where["ego.desired_speed"] = f"planners.{planner}.desired_speed_mps"
+    try:
+        problems = [
+            *world_problems(world, ego, ()),
+            *spawn_problems(spawns, world.road, "vehicles"),
+            *start_problems(read_network(world.net_file, world.road), ego, spawns, world.dt),
+        ]
+    except InputError as error:
+        where[""] = "network"
+        problems = list(error.problems)
+    # A problem of the road stands once a lane, and the message repeats what the path says already.
+    for path, message in {problem.path: problem.message for problem in reversed(problems)}.items():
+        text = message[max(0, message.find("must")) :] if path in where and path else message
+        yield Problem(where.get(path, path), text)
+
+
+def network_path(network: str, folder: Path) -> Path:
+    """Return a network's file: one of the package by its name, or a path, first from the scenario's folder."""
+    packaged = data_folder("networks") / f"{network}.net.xml"
+    if packaged.is_file():
+        return packaged
+    return folder / network if (folder / network).is_file() else Path(network)
