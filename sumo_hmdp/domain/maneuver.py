@@ -1,4 +1,4 @@
-"""Modes, lateral actions and the rule by which an action changes a maneuver state (paper's Tables 1 to 3)."""
+"""Modes, lateral actions and the rule by which an action changes a maneuver state (docs/formulation.md, eq. 2)."""
 
 from dataclasses import dataclass
 from enum import IntEnum

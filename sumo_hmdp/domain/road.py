@@ -16,7 +16,7 @@ class Road:
     lane_width: float
 
     def center_y(self, lane: int) -> float:
-        """Return y of a lane's centre, ((n + 1) / 2 - lane) * width [m]."""
+        """Return y of a lane's centre, ((n + 1) / 2 - lane) * width [m] (docs/formulation.md, eq. 1)."""
         return ((self.lane_count + 1) / 2 - lane) * self.lane_width
 
     def has_lane(self, lane: int) -> bool:

@@ -1,4 +1,4 @@
-"""One decision from problem to answer: predict, tighten, carve, solve (docs/formulation.md, section 9)."""
+"""One decision from problem to answer: predict, tighten, carve, solve (docs/formulation.md, sections 4 to 9)."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""The Intelligent Driver Model: how hard a vehicle accelerates behind its leader (docs/formulation.md, section 13).
+"""The Intelligent Driver Model: how hard a vehicle accelerates behind its leader (docs/formulation.md, eq. 20).
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic simulations", 2000.
 """

@@ -1,4 +1,4 @@
-"""MOBIL: whether a lane change is worth it to its driver, and safe for those behind (docs/formulation.md, section 13).
+"""MOBIL: whether a lane change is worth it to its driver, and safe for those behind (docs/formulation.md, eq. 21).
 
 Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following models", 2007.
 """

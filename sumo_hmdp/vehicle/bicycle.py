@@ -1,4 +1,4 @@
-"""The nonlinear kinematic bicycle, with actuators that saturate (docs/formulation.md, section 11).
+"""The nonlinear kinematic bicycle, with actuators that saturate (docs/formulation.md, eq. 19).
 
 With the state (x, y, heading, speed v, steering_angle s, accel a) and the controls (jerk j, steering_rate r):
 

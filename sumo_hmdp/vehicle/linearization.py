@@ -1,4 +1,4 @@
-"""The bicycle in the coordinates that are tracked, linearised (docs/formulation.md, section 11).
+"""The bicycle in the coordinates that are tracked, linearised (docs/formulation.md, section 12).
 
 The state is z = (x, y of the FRONT BUMPER, heading, speed v, steering_angle s, accel a), the input u = (jerk,
 steering_rate). With g = lever / wheelbase * tan(s), lever = rear_axle_to_front_bumper,

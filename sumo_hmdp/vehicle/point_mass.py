@@ -1,4 +1,4 @@
-"""A point that moves exactly as told, like that of the published rule-based code (docs/formulation.md, section 13).
+"""A point that moves exactly as told, like that of the published rule-based code (docs/formulation.md, eq. 22).
 
     v+ = max(0, v + a dt),   x+ = x + v+ dt,   y by a quintic over the lane-change time,
 

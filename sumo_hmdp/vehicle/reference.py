@@ -6,7 +6,7 @@ axle follows it as a trailer follows its hitch, a lever = rear_axle_to_front_bum
     heading' = |velocity of the bumper| * sin(course - heading) / lever,    course = atan2(dy/dt, dx/dt),
     tan(steering_angle) = wheelbase / lever * tan(course - heading),
 
-so a smooth path of the bumper gives a smooth heading and steering angle (docs/formulation.md, section 11).
+so a smooth path of the bumper gives a smooth heading and steering angle (docs/formulation.md, eq. 18).
 The reverse choice, a quintic for the rear axle, would put the bumper lever * sin(heading) off the quintic:
 0.7 m in the middle of a 4 s lane change at 10 m/s.
 """
@@ -52,7 +52,7 @@ class Quintic:
 
 
 def quintic(y: float, lateral_speed: float, lateral_accel: float, end: float, duration: float) -> Quintic:
-    """Return the quintic from (y, y', y'') to (end, 0, 0) (docs/formulation.md, section 11).
+    """Return the quintic from (y, y', y'') to (end, 0, 0) (docs/formulation.md, eq. 18).
 
     From rest it is y + (end - y) (10 p^3 - 15 p^4 + 6 p^5) with p = t / duration.
 

@@ -1,4 +1,4 @@
-"""A tracking MPC: the controls that keep the front bumper on its reference (docs/formulation.md, section 11).
+"""A tracking MPC: the controls that keep the front bumper on its reference (docs/formulation.md, section 12).
 
 At every step a quadratic program over the next N steps is solved, the vehicle linearised along the reference:
 
