@@ -1,9 +1,9 @@
 """Planners by name: those of this package and those that other packages offer as entry points."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, Literal
 
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
@@ -17,9 +17,14 @@ ENTRY_POINT_GROUP = "sumo_hmdp.planners"
 
 
 class HmdpParameters(PlannerFile):
-    """The keys of `hmdp_mpc` in a scenario: those of a decision file, and how far it sees."""
+    """The keys of `hmdp_mpc` in a scenario: those of a decision file, and how far it sees.
+
+    In a scenario `occupancy` is `swept` unless it says otherwise, since under the paper's `target` a leader is dropped
+    the instant the intent changes; and `lane_change_time_s` is the ego's.
+    """
 
     sensing_range_m: float = 200.0
+    occupancy: Literal["target", "swept"] = "swept"
 
 
 @dataclass(frozen=True)
@@ -65,8 +70,11 @@ class PlannerKind:
 
 
 def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlanner:
+    settings = parameters.settings()
+    if "lane_change_time_s" not in parameters.model_fields_set:
+        settings = replace(settings, lane_change_time=context.lane_change_time)
     return HmdpPlanner(
-        settings=parameters.settings(),
+        settings=settings,
         beliefs=context.beliefs,
         default_belief=context.default_belief,
         sensing_range=parameters.sensing_range_m,
