@@ -33,6 +33,9 @@ _BOUNDS = {
 WHOLE_SLACK = 0.5
 STOPPING_SLACK = 1e-7
 
+# Share of the least violation by which it may be exceeded in the search for the least cost.
+CAP_SLACK = 1e-7
+
 # Window counts are rounded up to these, so that few shapes are ever compiled.
 WINDOW_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 
@@ -94,10 +97,11 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     if _sequence(compiled, first) is None or first.values is None:
         return None
     least = sum(first.values[compiled.columns[name]].sum() for name in ("short_behind", "short_ahead"))
-    data[compiled.slots["violation_cap"]] = least + DISTANCE_TOLERANCE / lattice.unit
-    second = solve(compiled, data, _time_limit(problem))
-    # A violation that was not proven least is still a cap that the first solution meets.
-    return _sequence(compiled, first if second.values is None and second.timed_out else second)
+    # A cap nearer than HiGHS' own rounding of a large sum would lock the first solution out.
+    data[compiled.slots["violation_cap"]] = least + DISTANCE_TOLERANCE / lattice.unit + CAP_SLACK * least
+    second = solve(compiled, data, _time_limit(problem), first.values)
+    # The first solution meets the cap, so there is always an answer.
+    return _sequence(compiled, first if second.values is None else second)
 
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
