@@ -64,13 +64,14 @@ class CompiledModel:
         slots: where the data of each name lie, likewise.
         column_count: number of columns.
         slot_count: number of data.
-        rows: (nonzeros,) row of each coefficient.
+        rows: (nonzeros,) row of each coefficient; coefficients are sorted by column, then row.
         cols: (nonzeros,) its column.
         coefficients: their values.
         row_low: lower bounds of the rows.
         row_high: upper bounds.
         cost: of the columns.
         integer: which columns are binary.
+        kinds: the same in HiGHS' words.
     """
 
     shape: Shape
@@ -85,6 +86,7 @@ class CompiledModel:
     row_high: _Affine
     cost: _Affine
     integer: NDArray[np.bool_]
+    kinds: tuple[Any, ...]
 
 
 class _AffineBuilder:
@@ -154,19 +156,26 @@ def compile_model(shape: Shape) -> CompiledModel:
             cost.constant[at] += factor
         else:
             cost.depend(at, datum, factor)
+    entries = coefficients.build(len(data))
+    order = np.lexsort((rows, cols))
+    pairs = np.stack([np.array(rows)[order], np.array(cols)[order]])
+    if (pairs[:, 1:] == pairs[:, :-1]).all(axis=0).any():
+        raise ValueError("a relation must name each column once, got one twice")
+    integer = np.array([variable.is_binary() for variable in unknowns])
     return CompiledModel(
         shape=shape,
         columns=columns,
         slots=slots,
         column_count=len(unknowns),
         slot_count=len(data),
-        rows=np.array(rows, dtype=np.int32),
-        cols=np.array(cols, dtype=np.int32),
-        coefficients=coefficients.build(len(data)),
+        rows=pairs[0].astype(np.int32),
+        cols=pairs[1].astype(np.int32),
+        coefficients=_Affine(entries.constant[order], sparse.csr_array(entries.matrix[order])),
         row_low=low.build(len(data)),
         row_high=high.build(len(data)),
         cost=cost.build(len(data)),
-        integer=np.array([variable.is_binary() for variable in unknowns]),
+        integer=integer,
+        kinds=tuple(highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in integer),
     )
 
 
@@ -232,25 +241,20 @@ def solve(
         start: values of the columns to start from, None for none.
     """
     values = compiled.coefficients.at(data)
-    matrix = sparse.csc_array(
-        (values, (compiled.rows, compiled.cols)),
-        shape=(len(compiled.row_low.constant), compiled.column_count),
-    )
-    matrix.eliminate_zeros()
+    there = np.flatnonzero(values)
+    counts = np.bincount(compiled.cols[there], minlength=compiled.column_count)
     lp = highspy.HighsLp()
-    lp.num_col_, lp.num_row_ = matrix.shape[1], matrix.shape[0]
+    lp.num_col_, lp.num_row_ = compiled.column_count, len(compiled.row_low.constant)
     lp.col_cost_ = compiled.cost.at(data)
-    lp.col_lower_ = np.zeros(matrix.shape[1])
+    lp.col_lower_ = np.zeros(compiled.column_count)
     lp.col_upper_ = np.where(compiled.integer, 1.0, highspy.kHighsInf)
     lp.row_lower_ = compiled.row_low.at(data)
     lp.row_upper_ = compiled.row_high.at(data)
     lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-    lp.a_matrix_.start_ = matrix.indptr
-    lp.a_matrix_.index_ = matrix.indices
-    lp.a_matrix_.value_ = matrix.data
-    lp.integrality_ = [
-        highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in compiled.integer
-    ]
+    lp.a_matrix_.start_ = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    lp.a_matrix_.index_ = compiled.rows[there]
+    lp.a_matrix_.value_ = values[there]
+    lp.integrality_ = list(compiled.kinds)
     solver = _solver()
     solver.setOptionValue("presolve", "choose" if compiled.column_count >= PRESOLVE_FROM_COLUMNS else "off")
     # HiGHS counts the time of all solves in its life.
