@@ -157,10 +157,11 @@ def compile_model(shape: Shape) -> CompiledModel:
         else:
             cost.depend(at, datum, factor)
     entries = coefficients.build(len(data))
-    order = np.lexsort((rows, cols))
-    pairs = np.stack([np.array(rows)[order], np.array(cols)[order]])
-    if (pairs[:, 1:] == pairs[:, :-1]).all(axis=0).any():
-        raise ValueError("a relation must name each column once, got one twice")
+    # By column, then row, as HiGHS wants them; terms of one relation with the same column add up.
+    places, place = np.unique(np.stack([cols, rows]), axis=1, return_inverse=True)
+    adding = sparse.csr_array(
+        (np.ones(len(rows)), (place.ravel(), np.arange(len(rows)))), shape=(places.shape[1], len(rows))
+    )
     integer = np.array([variable.is_binary() for variable in unknowns])
     return CompiledModel(
         shape=shape,
@@ -168,9 +169,9 @@ def compile_model(shape: Shape) -> CompiledModel:
         slots=slots,
         column_count=len(unknowns),
         slot_count=len(data),
-        rows=pairs[0].astype(np.int32),
-        cols=pairs[1].astype(np.int32),
-        coefficients=_Affine(entries.constant[order], sparse.csr_array(entries.matrix[order])),
+        rows=places[1].astype(np.int32),
+        cols=places[0].astype(np.int32),
+        coefficients=_Affine(adding @ entries.constant, sparse.csr_array(adding @ entries.matrix)),
         row_low=low.build(len(data)),
         row_high=high.build(len(data)),
         cost=cost.build(len(data)),

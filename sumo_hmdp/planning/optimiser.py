@@ -33,8 +33,8 @@ _BOUNDS = {
 WHOLE_SLACK = 0.5
 STOPPING_SLACK = 1e-7
 
-# Share of the least violation by which it may be exceeded in the search for the least cost.
-CAP_SLACK = 1e-7
+# By how much the least violation may be exceeded in the search for the least cost, one after the other [m].
+CAP_SLACKS = (1e-3, 1e-4, 1e-5, DISTANCE_TOLERANCE)
 
 # Window counts are rounded up to these, so that few shapes are ever compiled.
 WINDOW_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -94,14 +94,36 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     violation_only[compiled.slots["violation_factor"]] = 1.0
     violation_only[compiled.slots["violation_cap"]] = np.inf
     first = solve(compiled, violation_only, _time_limit(problem))
-    if _sequence(compiled, first) is None or first.values is None:
+    sequence = _sequence(compiled, first)
+    if sequence is None or first.values is None:
         return None
     least = sum(first.values[compiled.columns[name]].sum() for name in ("short_behind", "short_ahead"))
-    # A cap nearer than HiGHS' own rounding of a large sum would lock the first solution out.
-    data[compiled.slots["violation_cap"]] = least + DISTANCE_TOLERANCE / lattice.unit + CAP_SLACK * least
-    second = solve(compiled, data, _time_limit(problem), first.values)
-    # The first solution meets the cap, so there is always an answer.
-    return _sequence(compiled, first if second.values is None else second)
+    # HiGHS is not to be trusted with a cap as near as the rule's tolerance. A looser one lets in more, so the cheapest
+    # plan under it is the answer if it meets the rule, which is checked exactly; else the cap is drawn tighter.
+    limit = _violation(problem, lattice, corridors, sequence) + DISTANCE_TOLERANCE / lattice.unit
+    for slack in CAP_SLACKS:
+        data[compiled.slots["violation_cap"]] = least + slack / lattice.unit
+        second = solve(compiled, data, _time_limit(problem))
+        cheapest = None if second.values is None else _sequence(compiled, second)
+        if cheapest is not None and _violation(problem, lattice, corridors, cheapest) <= limit:
+            return cheapest
+    return sequence
+
+
+def _violation(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, sequence: ManeuverSequence
+) -> float:
+    """Return the total violation of a sequence in lattice units, infinite where it leaves the corridors."""
+    windows = _windows_of(problem, lattice, corridors, sequence)
+    if windows is None:
+        return np.inf
+    motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
+    return float(
+        sum(
+            max(0.0, stage.soft_low[i] - motion.point) + max(0.0, motion.point - stage.soft_high[i])
+            for stage, motion, i in zip(corridors.stages, motions, windows, strict=True)
+        )
+    )
 
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:

@@ -54,4 +54,4 @@ def test_numbers_near_whole_do_not_cost_the_optimum(brute_force, agreement, path
 
 
 def test_there_are_problems_with_numbers_near_whole():
-    assert len(NEAR_WHOLE) == 6
+    assert len(NEAR_WHOLE) == 7
