@@ -259,9 +259,15 @@ def summary_table(record: "RunRecord") -> "Table":
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False)
     if record.reason:
         table.add_row("why", record.reason)
+    # What was published is of the scenario's own planner.
+    own = record.row["planner"] == record.manifest["configuration"]["planner"]
+    published = (record.manifest["configuration"].get("published") or {}) if own else {}
     for key, label, unit, digits in SUMMARY:
         value = record.row[key]
-        table.add_row(label, "none" if value is None else f"{value:.{digits}f} {unit}".rstrip())
+        shown = "none" if value is None else f"{value:.{digits}f} {unit}".rstrip()
+        if value is not None and published.get(key) is not None:
+            shown += f" (published {published[key]:.{digits}f}, {value - published[key]:+.{digits}f} {unit})"
+        table.add_row(label, shown)
     shares = ", ".join(
         f"{name} {100 * share:.1f} %"
         for name in ("optimal", "relaxed", "fallback")

@@ -98,6 +98,12 @@ class VehicleFile(NoiseFile):
     policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
 
 
+class PublishedFile(FileModel):
+    """`published`: what somebody else's run of this scenario gave; printed beside ours, never asserted."""
+
+    lane_change_first_s: NonNegative | None = None
+
+
 class ScenarioFile(FileModel):
     """A scenario."""
 
@@ -109,5 +115,6 @@ class ScenarioFile(FileModel):
     dt_s: Positive
     ego: EgoFile
     vehicles: list[VehicleFile]
+    published: PublishedFile | None = None
     planner: str
     planners: dict[str, dict[str, Any]]

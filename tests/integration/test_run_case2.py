@@ -137,3 +137,8 @@ def test_the_decisions_follow_the_rules_of_the_maneuvers(results):
     for before, after in pairwise(decisions):
         assert after.lane - before.lane == LATERAL[after.lateral]
         assert abs(level[after.mode] - level[before.mode]) <= 1
+
+
+def test_the_first_lane_change_is_printed_beside_the_paper_s(call, short_case, tmp_path):
+    finished = call("run", short_case(7.2), "--solver", "search", "--out", tmp_path / "out")
+    assert "6.00 s (published 5.85, +0.15 s)" in " ".join(finished.out.replace("│", " ").split())
