@@ -119,13 +119,11 @@ class Decision:
         solve_time: wall-clock seconds spent [s], NaN where it is not known; never part of a trace hash.
         pruned_prob: the largest pruned probability of any vehicle.
         branch_count: how many branches were retained.
-        branches: the likeliest of them, for display.
-        forbidden: the forbidden intervals of the lanes.
         stage_cost: cost of the step now taken, None where there is none.
         objective_bound: what the stability theorem allows the objective to be at most, None where it says nothing.
         shifted_feasible: whether the plan before, shifted by a step, is still feasible; None where there is none.
         shifted_reason: why it is not, empty where it is.
-        problem_json: the decision problem in its file form, None for planners that have none.
+        evidence: what else can be shown of it, worked out only when asked for; None for planners that have none.
     """
 
     time: float
@@ -141,13 +139,27 @@ class Decision:
     solve_time: float = 0.0
     pruned_prob: float = 0.0
     branch_count: int = 0
-    branches: tuple[PredictedBranch, ...] = ()
-    forbidden: tuple[ForbiddenInterval, ...] = ()
     stage_cost: float | None = None
     objective_bound: float | None = None
     shifted_feasible: bool | None = None
     shifted_reason: str = ""
-    problem_json: str | None = None
+    evidence: "Evidence | None" = None
+
+
+class Evidence(Protocol):
+    """What a decision rests on. It takes longer to write down than to decide, so few runs ask for it."""
+
+    def branches(self) -> tuple[PredictedBranch, ...]:
+        """Return the likeliest predicted branches."""
+        ...
+
+    def forbidden(self) -> tuple[ForbiddenInterval, ...]:
+        """Return the forbidden intervals of the lanes."""
+        ...
+
+    def problem_json(self) -> str:
+        """Return the decision problem in its file form."""
+        ...
 
 
 Memory = TypeVar("Memory")

@@ -1,6 +1,10 @@
 """Lanes of a straight road, their signs, and their numbers here and in SUMO."""
 
+import math
 from dataclasses import dataclass
+
+# A lane centre that is passed by less, in lane widths, is not passed: sums of small steps are not exact.
+_ON_CENTER = 1e-6
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,22 @@ class Road:
     def lane_at(self, y: float) -> int:
         """Return the lane whose strip holds y [m], or the outermost one for a y beside the road."""
         lane = round((self.lane_count + 1) / 2 - y / self.lane_width)
+        return min(max(lane, 1), self.lane_count)
+
+    def lane_headed_for(self, y: float, lateral_speed: float) -> int:
+        """Return the lane whose centre is reached next, or the lane at y where there is no lateral motion.
+
+        Args:
+            y: across the road, to the left [m].
+            lateral_speed: dy/dt [m/s].
+        """
+        position = (self.lane_count + 1) / 2 - y / self.lane_width
+        if lateral_speed > 0.0:
+            lane = math.floor(position + _ON_CENTER)
+        elif lateral_speed < 0.0:
+            lane = math.ceil(position - _ON_CENTER)
+        else:
+            return self.lane_at(y)
         return min(max(lane, 1), self.lane_count)
 
     def sumo_index(self, lane: int) -> int:

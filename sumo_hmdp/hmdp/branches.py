@@ -6,6 +6,7 @@ soon as even its best completion falls below the threshold, so no more rows ever
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -230,9 +231,17 @@ def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) 
 def covariances(branches: Branches, index: int, settings: PredictionSettings) -> FloatArray:
     """Return the full covariance of one branch after each step, shape (H, 3, 3) (docs/formulation.md, eq. 5)."""
     noise = branches.vehicles[branches.vehicle[index]].noise
+    return _covariances(noise, tuple(branches.laterals[index].tolist()), settings.period, settings.gains)
+
+
+@lru_cache(maxsize=1024)
+def _covariances(noise: Noise, laterals: tuple[int, ...], period: float, gains: LateralGains) -> FloatArray:
+    """Return the covariances of all branches with these lateral actions: nothing else changes them."""
     covariance = noise.initial_covariance()
     result = []
-    for lateral in branches.laterals[index]:
-        covariance = next_covariance(covariance, Lateral(int(lateral)), settings.period, settings.gains, noise)
+    for lateral in laterals:
+        covariance = next_covariance(covariance, Lateral(lateral), period, gains, noise)
         result.append(covariance)
-    return np.array(result)
+    stacked = np.array(result)
+    stacked.flags.writeable = False
+    return stacked

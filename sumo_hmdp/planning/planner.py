@@ -3,16 +3,18 @@
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sumo_hmdp.domain.plan import Command, Decision, PredictedBranch
+from sumo_hmdp.domain.maneuver import ManeuverState
+from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PredictedBranch
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
+from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
@@ -47,10 +49,12 @@ class LastDecision:
     Attributes:
         problem: the problem of one period ago.
         answer: its answer.
+        read: what was read of the maneuvers of vehicles without a belief of their own, by id.
     """
 
     problem: DecisionProblem
     answer: Answer
+    read: Mapping[str, ManeuverState] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class HmdpPlanner:
     Attributes:
         settings: horizon, distances, risk, cost.
         beliefs: by vehicle id.
-        default_belief: of a vehicle that is not listed; None makes such a vehicle an error.
+        default_belief: of a vehicle that is not listed, whose maneuver is read from its motion; None makes such a
+            vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
         solver: a name of `planning.decide.SOLVERS`.
         name: as in the registry.
@@ -90,27 +95,50 @@ class HmdpPlanner:
             planning.optimiser.SolverError: if the solver proves nothing.
         """
         started = time.perf_counter()
-        problem = self.problem(scene, memory)
+        read = self.read(scene, memory)
+        problem = self.problem(scene, memory, read)
         result = answer(problem, self.solver)
         solve_time = time.perf_counter() - started
         checked = audit(problem, result, None if memory is None else (memory.problem, memory.answer))
         decision = replace(to_decision(problem, result, checked, scene.time), solve_time=solve_time)
-        return decision, LastDecision(problem, result)
+        return decision, LastDecision(problem, result, read)
 
-    def problem(self, scene: Scene, memory: LastDecision | None = None) -> DecisionProblem:
-        """Return the decision problem of a scene; the MILP starts from what is left of the plan before."""
-        seen = (other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range)
-        vehicles = tuple(self._predicted(other, scene.time) for other in seen)
+    def read(self, scene: Scene, memory: LastDecision | None = None) -> dict[str, ManeuverState]:
+        """Return the lane intent and mode of every vehicle in range of which the scenario says nothing."""
+        last = {} if memory is None else memory.read
+        return {
+            other.id: read_maneuver(other, scene.road, self.settings.accel, last.get(other.id))
+            for other in self._seen(scene)
+            if other.id not in self.beliefs
+        }
+
+    def problem(
+        self, scene: Scene, memory: LastDecision | None = None, read: Mapping[str, ManeuverState] | None = None
+    ) -> DecisionProblem:
+        """Return the decision problem of a scene; the MILP starts from what is left of the plan before.
+
+        Args:
+            scene: the scene.
+            memory: of the decision before.
+            read: as `read` returns it; None reads it here.
+        """
+        maneuvers = self.read(scene, memory) if read is None else read
+        vehicles = tuple(self._predicted(other, maneuvers.get(other.id), scene.time) for other in self._seen(scene))
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
         return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start)
 
-    def _predicted(self, state: VehicleState, now: float) -> PredictedVehicle:
+    def _seen(self, scene: Scene) -> list[VehicleState]:
+        return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
+
+    def _predicted(self, state: VehicleState, maneuver: ManeuverState | None, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)
         if belief is None:
             raise UnknownVehicleError(
                 f"every vehicle in range must have a policy, got none for {state.id!r} (at {now:g} s). "
-                "Give it one in the scenario, or a `default_policy`."
+                "Give it one in the scenario, in `vehicles` or for all in `traffic.belief`."
             )
+        if maneuver is not None:
+            state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
         return PredictedVehicle(state, belief.policy.at(now), belief.noise)
 
 
@@ -132,14 +160,37 @@ def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: f
         solve_time=result.solve_time,
         pruned_prob=float(result.branches.pruned.max(initial=0.0)),
         branch_count=len(result.branches.vehicle),
-        branches=shown_branches(problem, result.branches),
-        forbidden=forbidden_intervals(problem, result.lattice, result.branches, result.margin),
         stage_cost=checked.stage_cost,
         objective_bound=checked.objective_bound,
         shifted_feasible=checked.shifted_feasible,
         shifted_reason=checked.shifted_reason,
-        problem_json=json.dumps(problem_document(problem)),
+        evidence=HmdpEvidence(problem, result),
     )
+
+
+@dataclass(frozen=True)
+class HmdpEvidence:
+    """What a decision of this planner rests on.
+
+    Attributes:
+        problem: the problem.
+        answer: its answer.
+    """
+
+    problem: DecisionProblem
+    answer: Answer
+
+    def branches(self) -> tuple[PredictedBranch, ...]:
+        """Return the likeliest branches of each vehicle."""
+        return shown_branches(self.problem, self.answer.branches)
+
+    def forbidden(self) -> tuple[ForbiddenInterval, ...]:
+        """Return what is forbidden in each lane taken alone, at the ego's present speed."""
+        return forbidden_intervals(self.problem, self.answer.lattice, self.answer.branches, self.answer.margin)
+
+    def problem_json(self) -> str:
+        """Return the problem in its file form."""
+        return json.dumps(problem_document(self.problem))
 
 
 def shown_branches(problem: DecisionProblem, branches: Branches) -> tuple[PredictedBranch, ...]:

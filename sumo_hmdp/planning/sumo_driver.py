@@ -7,14 +7,10 @@ from pydantic import Field
 
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.plan import Command, Decision
-from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.baselines import rule_decision
 from sumo_hmdp.planning.problem_schema import NonNegative, Positive
 from sumo_hmdp.validation import FileModel
-
-# A lane centre that is passed by less, in lane widths, is not passed: SUMO's sums of small steps are not exact.
-_ON_CENTER = 1e-6
 
 
 @dataclass(frozen=True)
@@ -121,26 +117,8 @@ class SumoPlanner:
             memory: None.
         """
         ego = scene.ego
-        lane = lane_headed_for(ego.y, ego.lateral_speed, scene.road)
+        lane = scene.road.lane_headed_for(ego.y, ego.lateral_speed)
         lateral = Lateral((lane > ego.lane) - (lane < ego.lane))
         decision = rule_decision(scene, Command(lane, ego.accel), lateral)
         # SUMO decides within its step, so its time cannot be told from that of the simulation.
         return replace(decision, solver="sumo", solve_time=math.nan), memory
-
-
-def lane_headed_for(y: float, lateral_speed: float, road: Road) -> int:
-    """Return the lane whose centre a front bumper reaches next, or the lane it is in where it moves straight on.
-
-    Args:
-        y: across the road, to the left [m].
-        lateral_speed: dy/dt [m/s].
-        road: the road.
-    """
-    position = (road.lane_count + 1) / 2 - y / road.lane_width
-    if lateral_speed > 0.0:
-        lane = math.floor(position + _ON_CENTER)
-    elif lateral_speed < 0.0:
-        lane = math.ceil(position - _ON_CENTER)
-    else:
-        return road.lane_at(y)
-    return min(max(lane, 1), road.lane_count)

@@ -104,6 +104,28 @@ def time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterat
             yield Problem(path, f"must be a multiple of dt_s ({scenario.dt_s:g} s), got {value:g} s")
 
 
+def crowd_checks(scenario: ScenarioFile, *, sumo_drives: bool) -> Iterator[Problem]:
+    """Check the background traffic, and what vehicles drawn from the model need.
+
+    Args:
+        scenario: the scenario.
+        sumo_drives: whether the planner leaves the ego to SUMO.
+    """
+    traffic = scenario.traffic
+    if traffic is not None:
+        yield from traffic.problems(scenario.lanes.count, scenario.dt_s)
+        belief = traffic.belief
+        yield from table_checks(belief.model_dump(), "traffic.belief", scenario.lanes.count)
+        duration, ego_time = traffic.lane_changes.duration_s, scenario.ego.lane_change_time_s
+        if sumo_drives and duration != ego_time:
+            message = (
+                f"must equal ego.lane_change_time_s ({ego_time:g} s) where SUMO drives the ego, got {duration:g} s"
+            )
+            yield Problem("traffic.lane_changes.duration_s", message)
+    if scenario.noise and "hmdp_mpc" not in scenario.planners:
+        yield Problem("planners.hmdp_mpc", "is missing; add it, since `noise` draws the vehicles from its model")
+
+
 def start_checks(world: WorldSettings, ego: VehicleState, spawns: tuple[Spawn, ...], planner: str) -> Iterator[Problem]:
     """Check that road and network agree, and that everybody starts on the road and in nobody else."""
     where = {"ego": "ego.x_m", "dt": "dt_s", "lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "vehicles"}

@@ -1,7 +1,7 @@
 """From a scenario file to a run that is ready to start."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,12 @@ from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.hmdp.policy import ScheduledPolicy
 from sumo_hmdp.planning.decide import SOLVERS
-from sumo_hmdp.planning.planner import Belief
 from sumo_hmdp.planning.problem_checks import planner_checks
 from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.scenario.checks import (
     cross_checks,
+    crowd_checks,
     data_folder,
     dead_ends,
     lane_count,
@@ -26,18 +25,20 @@ from sumo_hmdp.scenario.checks import (
     start_checks,
     time_checks,
 )
-from sumo_hmdp.scenario.schema import (
-    ConstantSpeedFile,
-    IdmFile,
-    ModeScheduleFile,
-    ScenarioFile,
-    VehicleFile,
+from sumo_hmdp.scenario.schema import ScenarioFile
+from sumo_hmdp.scenario.vehicles import (
+    background,
+    belief_of,
+    driver_of,
+    ego_start,
+    matched_paths,
+    measurement,
+    spawn_of,
 )
-from sumo_hmdp.sim.episode import Driver, EpisodeSettings
+from sumo_hmdp.sim.episode import EpisodeSettings
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.world_checks import WorldSettings
-from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
-from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
+from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 
@@ -141,6 +142,7 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
         raise InputError(_unique(problems), str(path))
     problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(time_checks(scenario, name, parameters))
+    problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
     if problems:
         raise InputError(problems, str(path))
     ready = _assemble(scenario, name, parameters, options, network_path(scenario.network, path.parent))
@@ -221,12 +223,20 @@ def _assemble(
 ) -> ReadyRun:
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     bicycle = BicycleParameters()
+    kind = planner_kind(name, "planner")
+    traffic = scenario.traffic
+    world = WorldSettings(network, road, scenario.dt_s, options.seed)
+    crowd: tuple[Spawn, ...] = ()
+    if traffic is not None:
+        world = replace(world, background=traffic.lane_changes.settings(), sight=traffic.sight_m)
+        crowd = background(traffic, world, scenario.duration_s)
+    start, crowd = ego_start(scenario.ego, crowd)
     ego = VehicleState(
         id=EGO_ID,
-        x=scenario.ego.x_m,
-        y=road.center_y(scenario.ego.lane),
-        speed=scenario.ego.speed_mps,
-        lane=scenario.ego.lane,
+        x=start.x,
+        y=road.center_y(start.lane),
+        speed=start.speed,
+        lane=start.lane,
         mode=MODE_BY_LABEL[scenario.ego.mode],
         length=bicycle.length,
         width=bicycle.width,
@@ -236,13 +246,21 @@ def _assemble(
         lane_width=road.lane_width,
         dt=scenario.dt_s,
         lane_change_time=scenario.ego.lane_change_time_s,
-        beliefs={vehicle.id: _belief(vehicle, road.lane_count) for vehicle in scenario.vehicles},
-        default_belief=None,
+        beliefs={vehicle.id: belief_of(vehicle, road.lane_count) for vehicle in scenario.vehicles},
+        default_belief=None if traffic is None else traffic.belief.belief(road.lane_count),
         solver=options.solver,
     )
-    kind = planner_kind(name, "planner")
     sumo_driver = kind.sumo_driver(parameters, context) if kind.sumo_driver is not None else None
-    drivers = {vehicle.id: driver for vehicle in scenario.vehicles if (driver := _driver(vehicle)) is not None}
+    model = scenario.planners.get("hmdp_mpc", {})
+    paths = matched_paths(scenario, road, model, options.seed) if scenario.noise else {}
+    spawns = [spawn_of(vehicle) for vehicle in scenario.vehicles]
+    if scenario.noise:
+        spawns = [replace(spawn, driver=DriverKind.POSED) for spawn in spawns]
+    drivers = {
+        vehicle.id: driver
+        for vehicle in scenario.vehicles
+        if not scenario.noise and (driver := driver_of(vehicle)) is not None
+    }
     return ReadyRun(
         scenario=scenario.name,
         planner_name=name,
@@ -257,59 +275,12 @@ def _assemble(
             lane_change_time=scenario.ego.lane_change_time_s,
             drivers=drivers,
             motion=MotionKind(scenario.ego.motion) if sumo_driver is None else MotionKind.SUMO,
+            paths=paths,
+            measurement=measurement(scenario, road.lane_count, options.seed),
         ),
-        world=WorldSettings(network, road, scenario.dt_s, options.seed, sumo_driver),
-        spawns=tuple(_spawn(vehicle) for vehicle in scenario.vehicles),
+        world=replace(world, ego_driver=sumo_driver),
+        spawns=(*spawns, *crowd),
         planner=kind.build(parameters, context),
         parameters=parameters.model_dump(),
         configuration=scenario.model_dump(),
     )
-
-
-def _belief(vehicle: VehicleFile, lane_count: int) -> Belief:
-    entries = sorted(((entry.from_s, entry.policy(lane_count)) for entry in vehicle.policy), key=lambda item: item[0])
-    return Belief(ScheduledPolicy(tuple(entries)), vehicle.noise())
-
-
-def _driver(vehicle: VehicleFile) -> Driver | None:
-    """Return the driver of a scripted vehicle, None for one that SUMO drives."""
-    match vehicle.driver:
-        case ConstantSpeedFile():
-            return ConstantSpeed()
-        case ModeScheduleFile() as file:
-            following = file.car_following
-            return ModeSchedule(
-                switches=tuple((s.from_s, MODE_BY_LABEL[s.mode]) for s in file.switches),
-                accel=file.accel_mps2,
-                speed_cap=file.speed_max_mps,
-                car_following=None
-                if following is None
-                else GapKeeping(
-                    standstill_gap=following.standstill_gap_m,
-                    time_gap=following.time_gap_s,
-                    gap_gain=following.gap_gain_ps2,
-                    speed_gain=following.speed_gain_ps,
-                    decel_max=following.decel_max_mps2,
-                    accel_max=following.accel_max_mps2,
-                    release_surplus=following.release_surplus_m,
-                ),
-                clock=Clock(file.clock),
-            )
-        case _:
-            return None
-
-
-def _spawn(vehicle: VehicleFile) -> Spawn:
-    common: dict[str, Any] = {
-        "id": vehicle.id, "lane": vehicle.lane, "x": vehicle.x_m, "speed": vehicle.speed_mps,
-        "length": vehicle.length_m, "width": vehicle.width_m,
-    }  # fmt: skip
-    if isinstance(vehicle.driver, IdmFile):
-        idm = vehicle.driver
-        return Spawn(
-            **common,
-            driver=DriverKind.IDM,
-            desired_speed=idm.desired_speed_mps,
-            idm=IdmParameters(idm.min_gap_m, idm.time_gap_s, idm.accel_mps2, idm.decel_mps2, idm.exponent),
-        )
-    return Spawn(**common, driver=DriverKind.SCRIPTED)

@@ -14,15 +14,21 @@ from sumo_hmdp.planning.problem_schema import (
     Positive,
     Speed,
 )
+from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.validation import FileModel
 
 
 class EgoFile(FileModel):
-    """`ego`: where the ego starts, and how it moves; (x, y) is the centre of the front bumper, y that of its lane."""
+    """`ego`: where the ego starts, and how it moves; (x, y) is the centre of the front bumper, y that of its lane.
+
+    With `in_traffic` it takes the place and the speed of the background vehicle in its lane that is nearest to `x_m`
+    when the run begins; then `speed_mps` is left out.
+    """
 
     x_m: Number
     lane: int
-    speed_mps: Speed
+    speed_mps: Speed | None = None
+    in_traffic: bool = False
     mode: ModeName = "cruise"
     lane_change_time_s: Positive = 4.0
     motion: Literal["bicycle", "point_mass"] = "bicycle"
@@ -105,7 +111,12 @@ class PublishedFile(FileModel):
 
 
 class ScenarioFile(FileModel):
-    """A scenario."""
+    """A scenario.
+
+    With `noise` the described vehicles are drawn from the model that the planner `hmdp_mpc` has of them: maneuvers from
+    their policy, motion with the noise that is believed of them, measured with theirs. Then their `driver` plays no
+    part. `noise_scale` multiplies the standard deviations of the motion behind the planner's back.
+    """
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
     description: str
@@ -114,7 +125,10 @@ class ScenarioFile(FileModel):
     duration_s: Positive
     dt_s: Positive
     ego: EgoFile
-    vehicles: list[VehicleFile]
+    vehicles: list[VehicleFile] = Field(default_factory=list)
+    traffic: TrafficFile | None = None
+    noise: bool = False
+    noise_scale: Positive = 1.0
     published: PublishedFile | None = None
     planner: str
     planners: dict[str, dict[str, Any]]

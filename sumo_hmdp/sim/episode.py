@@ -12,7 +12,9 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
+from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
 
@@ -48,6 +50,8 @@ class EpisodeSettings:
         lane_change_time: of the ego's quintic [s].
         drivers: of the scripted vehicles, by id.
         motion: how the ego carries out its commands, or that SUMO drives it.
+        paths: of the vehicles drawn from the model, by id.
+        measurement: how the planner measures the others.
     """
 
     road: Road
@@ -58,6 +62,8 @@ class EpisodeSettings:
     lane_change_time: float
     drivers: Mapping[str, Driver]
     motion: MotionKind = MotionKind.BICYCLE
+    paths: Mapping[str, MatchedPath] = field(default_factory=dict)
+    measurement: Measurement = field(default_factory=Measurement)
 
     @property
     def steps(self) -> int:
@@ -143,13 +149,14 @@ def run_episode(
             observe(Moment(step, scene, None, touching, sumo_contacts, None))
             return
         if step % every == 0:
-            decision, memory = planner.decide(scene, carry.planner_memory)
+            decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
             carry = take_command(motion, carry, decision, memory, scene)
         # The record is of what was seen; the others react to what was decided.
         decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
         carry, speeds, tracking = drive(settings, motion, carry, decided)
         observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
-        world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds)
+        poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
+        world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
         carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
         sumo_contacts = world.sumo_contacts()
 
@@ -174,9 +181,25 @@ def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> V
 def observe_scene(
     settings: EpisodeSettings, motion: Motion[Any], world: LibsumoWorld, carry: Carry, step: int
 ) -> Scene:
-    """Read the world; a scripted vehicle's mode is the one it has been driving in up to now."""
-    others = tuple(replace(other, mode=carry.driver_modes.get(other.id, other.mode)) for other in world.observe())
-    return Scene(step * settings.dt, settings.road, ego_state(settings, motion, carry), others)
+    """Read the world; a scripted vehicle's mode is the one it has been driving in up to now.
+
+    A vehicle drawn from the model has the mode and the lane intent that were drawn for it.
+    """
+    time = step * settings.dt
+    others = []
+    for other in world.observe():
+        if other.id in carry.driver_modes:
+            other = replace(other, mode=carry.driver_modes[other.id])  # noqa: PLW2901
+        elif other.id in settings.paths:
+            drawn = settings.paths[other.id].at(time)
+            other = replace(other, mode=drawn.mode, lane=drawn.lane, accel=drawn.accel)  # noqa: PLW2901
+        others.append(other)
+    return Scene(time, settings.road, ego_state(settings, motion, carry), tuple(others))
+
+
+def drawn_poses(settings: EpisodeSettings, scene: Scene, time: float) -> list[VehicleState]:
+    """Return where the vehicles drawn from the model that are on the road go by a time [s]."""
+    return [settings.paths[other.id].at(time) for other in scene.others if other.id in settings.paths]
 
 
 def take_command(

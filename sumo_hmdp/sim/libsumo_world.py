@@ -8,8 +8,8 @@ drives the ego, it is not told where to, and `ego` says where it is.
 import math
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -20,8 +20,9 @@ from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import world_checks as checks
+from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import EGO_CLASS, read_network, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, Network, read_network, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
@@ -32,7 +33,7 @@ _ROUTE = "along"
 _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
 # Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
 # moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
-_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31}
+_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 31}
 _OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 
@@ -62,8 +63,10 @@ class LibsumoWorld:
         self.settings = settings
         self.step = 0
         self._ego = ego
-        self._spawns = {spawn.id: spawn for spawn in others}
-        self._waiting = sorted(others, key=lambda spawn: (checks.entry_step(spawn, settings.dt), spawn.id))
+        listed, self._crowd = split(others)
+        self._spawns = {spawn.id: spawn for spawn in listed}
+        self._waiting = sorted(listed, key=lambda spawn: (checks.entry_step(spawn, settings.dt), spawn.id))
+        self._background: Background | None = None
         self._ghosts: dict[str, int] = {}
         self._on_road: tuple[VehicleState, ...] = ()
         self._colliding: frozenset[tuple[str, str]] = frozenset()
@@ -81,15 +84,10 @@ class LibsumoWorld:
         Raises:
             SimulationError: SUMO does not start, or another world is open in this process.
         """
-        if libsumo.isLoaded():
-            raise SimulationError("a process must have one world open at a time, got two. Close the first.")
         with ExitStack() as stack:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="sumo-hmdp-"))
-            types_file = Path(folder) / "types.add.xml"
-            driver = self.settings.ego_driver
-            types_file.write_text(vehicle_types(self._ego, self._spawns.values(), self.settings.dt, driver))
-            stack.callback(_close)
-            self._start(types_file)
+            everybody = (*self._spawns.values(), *self._crowd)
+            stack.enter_context(_simulation(self.settings, self._network, self._ego, everybody))
+            self._start()
             self._resources = stack.pop_all()
         return self
 
@@ -102,7 +100,7 @@ class LibsumoWorld:
             self._resources = None
 
     def observe(self) -> tuple[VehicleState, ...]:
-        """Return the surrounding vehicles that are on the road, ordered by id.
+        """Return the surrounding vehicles that are on the road, ordered by id; of the background those in sight.
 
         The lane is the one that SUMO has them in and the mode is left at cruise: intentions cannot be seen.
         A vehicle that has reached the end of the road is no longer listed.
@@ -111,7 +109,10 @@ class LibsumoWorld:
             SimulationError: the world is not open.
         """
         self._require_open()
-        return self._on_road
+        if self._background is None:
+            return self._on_road
+        near = self._background.states(self._ego.x, self.settings.sight)
+        return tuple(sorted((*self._on_road, *near), key=_name))
 
     def ego(self) -> VehicleState:
         """Return the ego: as SUMO has driven it, in the lane that SUMO has it in, or as it was last commanded.
@@ -155,13 +156,24 @@ class LibsumoWorld:
             libsumo.vehicle.setSpeed(vehicle_id, float(speed))
         self.step += 1
         self._insert_due(ego or self._ego)
-        self._simulate()
+        if self._background is not None:
+            self._background.change_lanes(self.step, (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road))
+        _simulate(self.time)
         for vehicle in moved:
             if vehicle.id in self._ghosts and second_lane(vehicle, self.settings.road) is None:
                 self._drop_ghost(vehicle.id)
         self._ego = self._checked_ego(ego)
         self._note_contacts()
         self._on_road = self._read()
+
+    def background_contacts(self) -> tuple[tuple[str, str], ...]:
+        """Return the pairs of background vehicles that have overlapped so far, sorted.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        return () if self._background is None else tuple(sorted(self._background.contacts))
 
     def sumo_contacts(self) -> tuple[tuple[str, str], ...]:
         """Return SUMO's own (collider, victim) pairs with the ego that are new since the last call, sorted.
@@ -175,19 +187,16 @@ class LibsumoWorld:
         pairs, self._contacts = tuple(sorted(self._contacts)), set()
         return pairs
 
-    def _start(self, types_file: Path) -> None:
+    def _start(self) -> None:
         settings, start, driver = self.settings, self._ego, self.settings.ego_driver
-        try:
-            libsumo.start(sumo_command(settings.net_file, types_file, settings.dt, settings.seed, driver))
-        except _SUMO_ERRORS as error:
-            raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
-        libsumo.route.add(_ROUTE, [self._network.edge])
         kind = DriverKind.POSED if driver is None else DriverKind.IDM
         self._add(start, EGO_ID, image_lane(start.y, settings.road), kind)
         if driver is None:
             self._place(start)
+        if settings.background is not None:
+            self._background = Background(libsumo, settings.background, settings.road, settings.dt, self._crowd)
         self._insert_due(start)
-        self._simulate()
+        _simulate(self.time)
         self._checked_ego(start)
         if driver is not None:
             self._let_change_lanes(driver)
@@ -202,23 +211,17 @@ class LibsumoWorld:
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
-        present = (ego, *self._on_road)
+        crowd = () if self._background is None or not self._waiting else self._background.states(ego.x, math.inf)
+        present = (ego, *self._on_road, *crowd)
         due, self._waiting = checks.entering(self._waiting, present, self.step, self.settings)
         for spawn in due:
             self._add(spawn, spawn.id, spawn.lane, spawn.driver)
+        if self._background is not None:
+            self._background.enter(self.time, lambda spawn: self._add(spawn, spawn.id, spawn.lane, spawn.driver))
 
     def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
-        libsumo.vehicle.add(
-            name,
-            _ROUTE,
-            typeID=type_id(vehicle.id),
-            departLane=str(self.settings.road.sumo_index(lane)),
-            departPos=repr(float(vehicle.x - self._network.x_begin)),
-            departSpeed=repr(float(vehicle.speed)),
-        )
-        libsumo.vehicle.setLaneChangeMode(name, 0)
-        libsumo.vehicle.setSpeedMode(name, _SPEED_MODE[kind])
+        _insert(self._network, vehicle, name, lane, kind)
 
     def _move(self, vehicle: VehicleState, name: str) -> None:
         """Command pose and speed for the end of the coming step."""
@@ -231,7 +234,12 @@ class LibsumoWorld:
 
         When the front centre crosses the line, SUMO's image of it and the ghost swap lanes in one step.
         """
-        self._move(vehicle, vehicle.id)
+        image = vehicle
+        if self.settings.lane_change_time is not None:
+            # SUMO then lets changes take their time, and would never free the lane that a moved vehicle has left.
+            road = self.settings.road
+            image = replace(vehicle, y=road.center_y(image_lane(vehicle.y, road)), heading=0.0)
+        self._move(image, vehicle.id)
         ghost = ghost_of(vehicle, self.settings.road, self._ghosts.get(vehicle.id))
         if ghost is not None:
             name = GHOST_PREFIX + vehicle.id
@@ -244,15 +252,10 @@ class LibsumoWorld:
         if self._ghosts.pop(vehicle_id, None) is not None:
             libsumo.vehicle.remove(GHOST_PREFIX + vehicle_id)
 
-    def _simulate(self) -> None:
-        try:
-            libsumo.simulationStep()
-        except _SUMO_ERRORS as error:
-            raise SimulationError(f"SUMO must complete a step, got: {error} (t = {self.time} s).") from error
-
     def _read(self) -> tuple[VehicleState, ...]:
-        hidden = {EGO_ID, *(GHOST_PREFIX + vehicle_id for vehicle_id in self._ghosts)}
-        names = sorted(name for name in libsumo.vehicle.getIDList() if name not in hidden)
+        if self._background is not None:
+            self._background.read(self.time)
+        names = sorted(name for name in libsumo.vehicle.getIDList() if name in self._spawns) if self._spawns else []
         return tuple(_read_vehicle(self._spawns[name], self.settings.road) for name in names)
 
     def _note_contacts(self) -> None:
@@ -271,7 +274,9 @@ class LibsumoWorld:
             now = _read_vehicle(self._ego, self.settings.road)
             return replace(now, lateral_speed=(now.y - self._ego.y) / self.settings.dt)
         x, y = libsumo.vehicle.getPosition(EGO_ID)
-        if libsumo.vehicle.getLaneIndex(EGO_ID) < 0 or not math.hypot(x - ego.x, y - ego.y) < 1e-6:
+        road = self.settings.road
+        wanted_y = ego.y if self.settings.lane_change_time is None else road.center_y(image_lane(ego.y, road))
+        if libsumo.vehicle.getLaneIndex(EGO_ID) < 0 or not math.hypot(x - ego.x, y - wanted_y) < 1e-6:
             self._lose_ego(ego, f"SUMO has it at x = {x} m, y = {y} m.")
         return ego
 
@@ -287,9 +292,104 @@ class LibsumoWorld:
             raise SimulationError("the world must be open. Use it in a `with` statement.")
 
 
+def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: float) -> tuple[Spawn, ...]:
+    """Let background traffic drive by itself, and return it as it enters a run that begins when it is warm.
+
+    The result hangs on nothing but the arguments, so planners that share them meet the same traffic. No change begins
+    within the last lane-change time, so that everybody ends in a lane.
+
+    Args:
+        settings: with a background.
+        spawns: background vehicles, with their times since the warm-up began.
+        duration: [s].
+
+    Raises:
+        InputError: with every mistake in the arguments.
+        SimulationError: SUMO does not start, or a world is open in this process.
+    """
+    assert settings.background is not None  # noqa: S101 - the caller's own mistake
+    network = read_network(settings.net_file, settings.road)
+    background = Background(libsumo, settings.background, settings.road, settings.dt, spawns)
+    steps = round(duration / settings.dt)
+    last_change = duration - settings.background.lane_change_time
+
+    def add(spawn: Spawn) -> None:
+        _insert(network, spawn, spawn.id, spawn.lane, spawn.driver)
+
+    with _simulation(settings, network, None, spawns):
+        for step in range(steps + 1):
+            time = step * settings.dt
+            background.enter(time, add)
+            if 0.0 < time <= last_change:
+                background.change_lanes(step, ())
+            _simulate(time)
+            background.read(time)
+        # Who still waits for room enters as soon as there is some, but not at the start, where nobody looks for it.
+        return tuple(
+            replace(spawn, time=max(settings.dt, spawn.time - duration) if spawn.time > 0.0 else 0.0)
+            for spawn in background.spawns()
+        )
+
+
+@contextmanager
+def _simulation(
+    settings: checks.WorldSettings, network: Network, ego: VehicleState | None, others: Iterable[Spawn]
+) -> Iterator[None]:
+    """Start SUMO with the vehicle types of a run and an empty road, and end it whatever happens."""
+    if libsumo.isLoaded():
+        raise SimulationError("a process must have one world open at a time, got two. Close the first.")
+    with tempfile.TemporaryDirectory(prefix="sumo-hmdp-") as folder:
+        types_file = Path(folder) / "types.add.xml"
+        types_file.write_text(vehicle_types(ego, others, settings.dt, settings.ego_driver))
+        try:
+            command = sumo_command(settings.net_file, types_file, settings.dt, settings.seed, settings.lane_change_time)
+            try:
+                libsumo.start(command)
+            except _SUMO_ERRORS as error:
+                raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
+            libsumo.route.add(_ROUTE, [network.edge])
+            yield
+        finally:
+            _close()
+
+
+def _simulate(time: float) -> None:
+    try:
+        libsumo.simulationStep()
+    except _SUMO_ERRORS as error:
+        raise SimulationError(f"SUMO must complete a step, got: {error} (t = {time} s).") from error
+
+
+def _insert(network: Network, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
+    """Ask SUMO to insert a vehicle at the end of the coming step."""
+    libsumo.vehicle.add(
+        name,
+        _ROUTE,
+        typeID=type_id(vehicle.id),
+        departLane=str(network.road.sumo_index(lane)),
+        departPos=repr(float(vehicle.x - network.x_begin)),
+        departSpeed=repr(float(vehicle.speed)),
+    )
+    libsumo.vehicle.setLaneChangeMode(name, 0)
+    libsumo.vehicle.setSpeedMode(name, _SPEED_MODE[kind])
+
+
 def _refuse(problems: list[Problem]) -> None:
     if problems:
         raise InputError(problems)
+
+
+def _name(vehicle: VehicleState) -> str:
+    return vehicle.id
+
+
+def split(spawns: Iterable[Spawn]) -> tuple[list[Spawn], list[Spawn]]:
+    """Return the vehicles that somebody described one by one, and the background."""
+    listed: list[Spawn] = []
+    crowd: list[Spawn] = []
+    for spawn in spawns:
+        (crowd if spawn.driver == DriverKind.BACKGROUND else listed).append(spawn)
+    return listed, crowd
 
 
 def _read_vehicle(spawn: Spawn | VehicleState, road: Road) -> VehicleState:

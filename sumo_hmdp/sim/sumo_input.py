@@ -23,18 +23,21 @@ def type_id(vehicle_id: str) -> str:
     return f"type-of-{vehicle_id}"
 
 
-def vehicle_types(ego: VehicleState, others: Iterable[Spawn], dt: float, ego_driver: SumoDriver | None = None) -> str:
+def vehicle_types(
+    ego: VehicleState | None, others: Iterable[Spawn], dt: float, ego_driver: SumoDriver | None = None
+) -> str:
     """Return the additional file with one vehicle type for every vehicle, as XML.
 
     They are written rather than set at run time: SUMO derives part of its IDM only while it reads a type.
     """
     root = ET.Element("additional")
-    element = _add_type(root, ego.id, ego.length, ego.width)
-    if ego_driver is not None:
-        element.attrib |= _idm(ego_driver, ego_driver.desired_speed, dt) | _lane_changes(ego_driver)
+    if ego is not None:
+        element = _add_type(root, ego.id, ego.length, ego.width)
+        if ego_driver is not None:
+            element.attrib |= _idm(ego_driver, ego_driver.desired_speed, dt) | _lane_changes(ego_driver)
     for spawn in others:
         element = _add_type(root, spawn.id, spawn.length, spawn.width)
-        if spawn.driver == DriverKind.IDM:
+        if spawn.driver in {DriverKind.IDM, DriverKind.BACKGROUND}:
             top_speed = spawn.speed if spawn.desired_speed is None else spawn.desired_speed
             element.attrib |= _idm(spawn.idm, top_speed, dt)
     return ET.tostring(root, encoding="unicode")
@@ -80,13 +83,12 @@ def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) ->
 
 
 def sumo_command(
-    net_file: Path, types_file: Path, dt: float, seed: int, ego_driver: SumoDriver | None = None
+    net_file: Path, types_file: Path, dt: float, seed: int, lane_change_time: float | None = None
 ) -> list[str]:
     """Return SUMO's command line for a run without output, teleports or insertion checks.
 
-    Where SUMO drives the ego its lane changes take their time, and followers in both lanes see it meanwhile.
-    Without the option it would jump. Nobody else changes lanes by himself, so the option is the ego's alone;
-    for an ego that is moved by its pose it would be wrong, SUMO would never free the old lane.
+    With a lane-change time the changes of the vehicles that SUMO moves take it, and followers in both lanes see them
+    meanwhile; without one they would jump.
     """
     options = {
         "net-file": net_file,
@@ -101,8 +103,8 @@ def sumo_command(
         "insertion-checks": "none",
         "lanechange.overtake-right": "true",
     }
-    if ego_driver is not None:
-        options["lanechange.duration"] = ego_driver.lane_change_time
+    if lane_change_time is not None:
+        options["lanechange.duration"] = lane_change_time
     return ["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))]
 
 

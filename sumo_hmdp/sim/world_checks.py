@@ -9,6 +9,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import Problem
 from sumo_hmdp.planning.sumo_driver import SumoDriver
+from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.ghost import image_lane, second_lane
 from sumo_hmdp.sim.sumo_input import Network
@@ -28,6 +29,8 @@ class WorldSettings:
         dt: simulation step, a multiple of 1 ms [s].
         seed: SUMO's seed. Nothing random is left for SUMO to decide.
         ego_driver: how SUMO drives the ego, None where the ego is moved by its pose.
+        background: what the background drivers have in common, None where there are none.
+        sight: background vehicles farther from the ego along the road are not observed [m].
     """
 
     net_file: Path
@@ -35,6 +38,15 @@ class WorldSettings:
     dt: float
     seed: int
     ego_driver: SumoDriver | None = None
+    background: BackgroundSettings | None = None
+    sight: float = 200.0
+
+    @property
+    def lane_change_time(self) -> float | None:
+        """How long SUMO lets a lane change take [s], None where nobody whom it moves changes lanes."""
+        if self.background is not None:
+            return self.background.lane_change_time
+        return None if self.ego_driver is None else self.ego_driver.lane_change_time
 
 
 def world_problems(settings: WorldSettings, ego: VehicleState, others: Sequence[Spawn]) -> list[Problem]:

@@ -60,6 +60,7 @@ class Recorder:
 
     Attributes:
         run_id: the run's name.
+        detailed: whether to write down what decisions rest on: branches, forbidden intervals, problems.
         steps: rows of all vehicles.
         decisions: rows.
         documents: each decision's problem in its file form, None where the planner has none.
@@ -70,6 +71,7 @@ class Recorder:
     """
 
     run_id: str
+    detailed: bool = True
     steps: list[dict[str, Any]] = field(default_factory=list)
     decisions: list[dict[str, Any]] = field(default_factory=list)
     documents: list[str | None] = field(default_factory=list)
@@ -87,7 +89,8 @@ class Recorder:
             self.steps.append(self._step_row(moment.step, scene.time, vehicle, scene.road.lane_at(vehicle.y)))
         if moment.decision is not None:
             self.decisions.append(self._decision_row(moment.decision, scene.ego))
-            self.documents.append(moment.decision.problem_json)
+            evidence = moment.decision.evidence
+            self.documents.append(evidence.problem_json() if evidence is not None and self.detailed else None)
         for contact in moment.contacts:
             fault = "the ego's fault" if contact.at_fault else "not the ego's fault"
             self.contacts.append(f"contact with {contact.other_id} at {scene.time:.2f} s, {fault}")
@@ -123,6 +126,7 @@ class Recorder:
         }
 
     def _decision_row(self, decision: Decision, ego: VehicleState) -> dict[str, Any]:
+        evidence = decision.evidence if self.detailed else None
         return {
             "run_id": self.run_id,
             "decision_index": len(self.decisions),
@@ -171,13 +175,13 @@ class Recorder:
                         "x_std_m": branch.x_std,
                         "y_std_m": branch.y_std,
                     }
-                    for branch in decision.branches
+                    for branch in (() if evidence is None else evidence.branches())
                 ]
             ),
             "forbidden_json": json.dumps(
                 [
                     {"step": block.step, "lane": block.lane, "x_from_m": block.x_from, "x_to_m": block.x_to}
-                    for block in decision.forbidden
+                    for block in (() if evidence is None else evidence.forbidden())
                 ]
             ),
         }

@@ -20,11 +20,16 @@ class DriverKind(StrEnum):
     SCRIPTED: its speed is given for every step; it keeps its lane.
     POSED: its whole pose is given for every step, as the ego's is.
     IDM: SUMO's Intelligent Driver Model; it keeps its lane.
+    BACKGROUND: SUMO's Intelligent Driver Model along the road, MOBIL across it.
     """
 
     SCRIPTED = "scripted"
     POSED = "posed"
     IDM = "idm"
+    BACKGROUND = "background"
+
+
+_IDM_KINDS = frozenset({DriverKind.IDM, DriverKind.BACKGROUND})
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ class Spawn:
         length: [m].
         width: [m].
         time: when it enters [s]; rounded to the simulation step.
-        idm: parameters of an `idm` driver.
+        idm: parameters of an `idm` or `background` driver.
+        politeness: of a `background` driver, the weight of what its lane change does to others.
     """
 
     id: str
@@ -73,6 +79,7 @@ class Spawn:
     width: float = 1.8
     time: float = 0.0
     idm: IdmParameters = field(default_factory=IdmParameters)
+    politeness: float = 0.0
 
 
 def spawn_problems(spawns: Sequence[Spawn], road: Road, where: str = "spawns") -> list[Problem]:
@@ -107,7 +114,7 @@ def _mistakes(spawn: Spawn, road: Road) -> Iterator[tuple[str, str]]:
         kinds = ", ".join(DriverKind)
         yield "driver", f"driver must be one of {kinds}, got {spawn.driver!r}."
     yield from _unusable_numbers(spawn)
-    if spawn.driver == DriverKind.IDM and spawn.desired_speed is not None and spawn.desired_speed < spawn.speed:
+    if spawn.driver in _IDM_KINDS and spawn.desired_speed is not None and spawn.desired_speed < spawn.speed:
         message = (
             f"desired_speed must be at least the speed {spawn.speed} m/s at which the vehicle enters, got "
             f"{spawn.desired_speed} m/s. Lower the one or raise the other."
@@ -124,7 +131,7 @@ def _unusable_numbers(spawn: Spawn) -> Iterator[tuple[str, str]]:
     positive = {"length": spawn.length, "width": spawn.width}
     if spawn.desired_speed is not None:
         positive["desired_speed"] = spawn.desired_speed
-    if spawn.driver == DriverKind.IDM:
+    if spawn.driver in _IDM_KINDS:
         positive |= {f"idm.{name}": getattr(spawn.idm, name) for name in IdmParameters.__dataclass_fields__}
     for name, value in positive.items():
         if not (math.isfinite(value) and value > 0.0):

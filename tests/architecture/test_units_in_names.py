@@ -20,12 +20,30 @@ from sumo_hmdp.validation import models_in
 
 UNITS = ("m", "s", "ms", "mps", "mps2", "mps3", "rad", "radps", "m2", "m2ps2", "ps", "ps2")
 # Numbers without a dimension, whose last word says so.
-WORDS = ("share", "rate", "count", "prob", "probs", "level", "weight", "threshold", "cost", "steps", "index", "bound")
+WORDS = (
+    "share",
+    "rate",
+    "count",
+    "prob",
+    "probs",
+    "level",
+    "weight",
+    "threshold",
+    "cost",
+    "steps",
+    "index",
+    "bound",
+    "scale",
+)
 # Numbers without a dimension: lanes are counted from the left, the rest are probabilities and costs.
 DIMENSIONLESS = {
     "accelerate", "branches", "count", "cruise", "decelerate", "exponent", "forbidden_lanes", "goal_lane",
     "intended_lane", "keep", "lane", "lanes", "left", "objective", "politeness", "probability", "right",
     "schema_version", "seed", "step",
+    # The numbers of a distribution have the unit of the key that it stands under.
+    "max", "mean", "min", "share", "std",
+    # Vehicles a kilometre, or an hour, and lane.
+    "density_vpkm_per_lane", "flow_vph_per_lane",
 }  # fmt: skip
 OPTIONS = {
     "planner",

@@ -67,7 +67,7 @@ def test_a_decision_of_a_rule(speed, mode):
     now = replace(scene(0), ego=vehicle("ego", 0.0, 2, speed))
     decision, memory = PLANNER.decide(now, PLANNER.initial_memory())
     assert (decision.status, decision.lateral, decision.mode) == (Status.RULE, Lateral.KEEP, mode)
-    assert (decision.objective, decision.violation, decision.plan, decision.problem_json) == (None, None, (), None)
+    assert (decision.objective, decision.violation, decision.plan, decision.evidence) == (None, None, (), None)
     assert memory == PLANNER.initial_memory()
 
 

@@ -9,7 +9,7 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
-from sumo_hmdp.planning.sumo_driver import SumoDriver, SumoFile, SumoPlanner, lane_headed_for
+from sumo_hmdp.planning.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 
 ROAD = Road(lane_count=3, lane_width=4.0)
 EGO = VehicleState("ego", x=0.0, y=0.0, speed=30.0, lane=2)
@@ -45,7 +45,7 @@ def report(**ego):
     ],
 )
 def test_the_lane_that_the_ego_is_headed_for(y, lateral_speed, lane):
-    assert lane_headed_for(y, lateral_speed, ROAD) == lane
+    assert ROAD.lane_headed_for(y, lateral_speed) == lane
 
 
 def test_a_change_is_reported_once():

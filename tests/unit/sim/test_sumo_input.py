@@ -19,10 +19,12 @@ def types(driver=None):
 
 
 def command(driver=None):
-    return sumo_command(Path("net.xml"), Path("types.xml"), 0.15, 7, driver)
+    return sumo_command(
+        Path("net.xml"), Path("types.xml"), 0.15, 7, None if driver is None else driver.lane_change_time
+    )
 
 
-def test_sumo_changes_lanes_gradually_only_where_it_drives_the_ego():
+def test_lane_changes_take_their_time_where_there_is_one():
     assert command(DRIVER) == [*command(), "--lanechange.duration", "8.0"]
     assert not any("lanechange.duration" in word for word in command())
 

@@ -1,0 +1,200 @@
+"""The `traffic` section of a scenario: background vehicles that nobody describes one by one."""
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.hmdp.policy import ScheduledPolicy
+from sumo_hmdp.planning.planner import Belief
+from sumo_hmdp.planning.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
+from sumo_hmdp.sim.background import BackgroundSettings
+from sumo_hmdp.sim.measurement import MeasurementNoise
+from sumo_hmdp.traffic.demand import Demand
+from sumo_hmdp.traffic.drivers import (
+    HIGHWAY_CLASSES,
+    URBAN_CLASSES,
+    TruncatedNormal,
+    VehicleClass,
+    class_problems,
+    mean_traits,
+)
+from sumo_hmdp.traffic.mobil import LaneChangeRule, Passing
+from sumo_hmdp.traffic.theory import Lane
+from sumo_hmdp.validation import FileModel
+
+POPULATIONS = {"highway": HIGHWAY_CLASSES, "urban": URBAN_CLASSES}
+_PER_KM, _PER_HOUR = 1e-3, 1.0 / 3600.0
+
+
+class SpreadFile(FileModel):
+    """A normal distribution that is cut off on both sides."""
+
+    mean: Number
+    std: NonNegative = 0.0
+    min: Number
+    max: Number
+
+    def distribution(self) -> TruncatedNormal:
+        """Return the distribution."""
+        return TruncatedNormal(self.mean, self.std, self.min, self.max)
+
+
+class ClassFile(FileModel):
+    """`traffic.classes[i]`: one kind of vehicles and their drivers."""
+
+    name: str
+    share: Annotated[float, Field(ge=0, le=1)]
+    length_m: Positive
+    width_m: Positive
+    desired_speed_mps: SpreadFile
+    time_gap_s: SpreadFile
+    politeness: SpreadFile
+    min_gap_m: Positive = 2.0
+    accel_mps2: Positive = 1.4
+    decel_mps2: Positive = 2.0
+    exponent: Positive = 4.0
+
+    def vehicle_class(self) -> VehicleClass:
+        """Return the class as the demand uses it."""
+        return VehicleClass(
+            name=self.name,
+            share=self.share,
+            length=self.length_m,
+            width=self.width_m,
+            desired_speed=self.desired_speed_mps.distribution(),
+            time_gap=self.time_gap_s.distribution(),
+            politeness=self.politeness.distribution(),
+            min_gap=self.min_gap_m,
+            accel=self.accel_mps2,
+            decel=self.decel_mps2,
+            exponent=self.exponent,
+        )
+
+
+class LaneChangesFile(FileModel):
+    """`traffic.lane_changes`: MOBIL, the same for all drivers but for their politeness."""
+
+    passing: Literal["any_side", "left_only"] = "any_side"
+    threshold_mps2: NonNegative = 0.1
+    safe_decel_mps2: Positive = 4.0
+    right_bias_mps2: NonNegative = 0.0
+    critical_speed_mps: Speed = 60.0 / 3.6
+    least_gap_m: NonNegative = 2.0
+    duration_s: Positive = 4.0
+    interval_s: NonNegative = 4.0
+    period_s: Positive = 0.4
+
+    def settings(self) -> BackgroundSettings:
+        """Return the settings as the world uses them."""
+        rule = LaneChangeRule(
+            passing=Passing(self.passing),
+            threshold=self.threshold_mps2,
+            safe_decel=self.safe_decel_mps2,
+            right_bias=self.right_bias_mps2,
+            critical_speed=self.critical_speed_mps,
+            least_gap=self.least_gap_m,
+        )
+        return BackgroundSettings(rule, self.duration_s, self.interval_s, self.period_s)
+
+
+class BeliefFile(PolicyFile, NoiseFile):
+    """`traffic.belief`: what the planner believes of every vehicle that nobody describes.
+
+    The present mode and the lane intent are read from the vehicle's motion; from there on it acts by this policy.
+    """
+
+    def belief(self, lane_count: int) -> Belief:
+        """Return the belief as the planner uses it."""
+        return Belief(ScheduledPolicy(((0.0, self.policy(lane_count)),)), self.noise())
+
+
+class MeasurementFile(FileModel):
+    """`traffic.measurement`: how exactly the planner measures the background."""
+
+    position_std_m: NonNegative = 0.0
+    speed_std_mps: NonNegative = 0.0
+
+    def noise(self) -> MeasurementNoise:
+        """Return the noise."""
+        return MeasurementNoise(self.position_std_m, self.speed_std_mps)
+
+
+class TrafficFile(FileModel):
+    """`traffic`: exactly one of density and flow is given; classes that are left out are those of the population."""
+
+    density_vpkm_per_lane: NonNegative | None = None
+    flow_vph_per_lane: NonNegative | None = None
+    stretch_m: Annotated[list[Number], Field(min_length=2, max_length=2)]
+    lanes: Annotated[list[int], Field(min_length=1)] | None = None
+    inflow: bool = True
+    warm_up_s: NonNegative = 30.0
+    population: Literal["highway", "urban"] = "highway"
+    classes: Annotated[list[ClassFile], Field(min_length=1)] | None = None
+    lane_changes: LaneChangesFile = Field(default_factory=LaneChangesFile)
+    measurement: MeasurementFile = Field(default_factory=MeasurementFile)
+    sight_m: Positive = 200.0
+    belief: BeliefFile
+
+    def problems(self, lane_count: int, dt: float) -> Iterator[Problem]:
+        """Yield every mistake that takes more than one key.
+
+        Args:
+            lane_count: of the road.
+            dt: the scenario's step [s].
+        """
+        if self.stretch_m[0] >= self.stretch_m[1]:
+            yield Problem("traffic.stretch_m", f"must be [from, to] with from < to, got {self.stretch_m}")
+        for index, lane in enumerate(self.lanes or ()):
+            if not 1 <= lane <= lane_count:
+                yield Problem(f"traffic.lanes[{index}]", f"must be 1..{lane_count}, got {lane}")
+        if self.lanes is not None and len(set(self.lanes)) < len(self.lanes):
+            yield Problem("traffic.lanes", f"must name a lane once, got {self.lanes}")
+        steps = self.warm_up_s / dt
+        if abs(steps - round(steps)) > 1e-6:
+            yield Problem("traffic.warm_up_s", f"must be a multiple of dt_s ({dt:g} s), got {self.warm_up_s:g} s")
+        yield from self._demand_problems()
+
+    def _demand_problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with the classes, then with how much traffic they are to be."""
+        classes: list[VehicleClass] = []
+        for index, kind in enumerate(self.classes or ()):
+            try:
+                classes.append(kind.vehicle_class())
+            except InputError as error:
+                for problem in error.problems:
+                    yield Problem(f"traffic.classes[{index}].{problem.path}".rstrip("."), problem.message)
+        if self.classes is None:
+            classes = list(POPULATIONS[self.population])
+        elif len(classes) < len(self.classes):
+            return
+        mistakes = list(class_problems(classes))
+        yield from (Problem("traffic.classes", mistake.message) for mistake in mistakes)
+        if mistakes:
+            return
+        lane = Lane.of([mean_traits(classes)])
+        density, flow = self.density_vpkm_per_lane, self.flow_vph_per_lane
+        if (density is None) == (flow is None):
+            yield Problem(
+                "traffic", f"must have one of density_vpkm_per_lane and flow_vph_per_lane, got {density} and {flow}"
+            )
+        elif density is not None and density * _PER_KM >= lane.jam_density:
+            limit = f"{lane.jam_density / _PER_KM:.1f} vehicles/km, where its vehicles stand"
+            message = f"must be below the jam density of a lane, {limit}, got {density:g}; lower it"
+            yield Problem("traffic.density_vpkm_per_lane", message)
+        elif flow is not None and flow * _PER_HOUR > lane.capacity()[0]:
+            limit = f"{lane.capacity()[0] / _PER_HOUR:.0f} vehicles/h"
+            message = f"must be at most the capacity of a lane, {limit}, got {flow:g}; lower it or give a density"
+            yield Problem("traffic.flow_vph_per_lane", message)
+
+    def demand(self) -> Demand:
+        """Return the demand; `problems` is empty."""
+        classes: tuple[VehicleClass, ...] = POPULATIONS[self.population]
+        if self.classes is not None:
+            classes = tuple(kind.vehicle_class() for kind in self.classes)
+        return Demand(
+            classes=classes,
+            density=None if self.density_vpkm_per_lane is None else self.density_vpkm_per_lane * _PER_KM,
+            flow=None if self.flow_vph_per_lane is None else self.flow_vph_per_lane * _PER_HOUR,
+        )
