@@ -21,7 +21,8 @@ from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import EGO_CLASS, read_network, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
@@ -181,7 +182,7 @@ class LibsumoWorld:
             libsumo.start(sumo_command(settings.net_file, types_file, settings.dt, settings.seed, driver))
         except _SUMO_ERRORS as error:
             raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
-        libsumo.route.add(_ROUTE, [self._network.edge])
+        libsumo.route.add(_ROUTE, list(self._network.route))
         kind = DriverKind.POSED if driver is None else DriverKind.IDM
         self._add(start, EGO_ID, image_lane(start.y, settings.road), kind)
         if driver is None:
@@ -197,8 +198,9 @@ class LibsumoWorld:
     def _let_change_lanes(self, driver: SumoDriver) -> None:
         """Leave the ego's lane changes to SUMO; it can also be kept out of a lane in which it starts, and leaves it."""
         libsumo.vehicle.setLaneChangeMode(EGO_ID, _OWN_LANE_CHANGES)
-        for lane in driver.forbidden_lanes:
-            libsumo.lane.setDisallowed(f"{self._network.edge}_{self.settings.road.sumo_index(lane)}", [EGO_CLASS])
+        for name, lane in self._network.lane_of.items():
+            if lane in driver.forbidden_lanes:
+                libsumo.lane.setDisallowed(name, [EGO_CLASS])
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""

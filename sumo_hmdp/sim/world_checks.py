@@ -11,7 +11,7 @@ from sumo_hmdp.errors import Problem
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.ghost import image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import Network
+from sumo_hmdp.sim.network import Network
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn, spawn_problems
 
 _MILLISECOND = 1e-3
@@ -64,8 +64,10 @@ def _settings_mistakes(settings: WorldSettings) -> Iterator[Problem]:
 
 
 def start_problems(network: Network, ego: VehicleState, others: Sequence[Spawn], dt: float) -> list[Problem]:
-    """List who starts beside the road or in another vehicle."""
+    """List who starts beside the road or in another vehicle; a world's road is one edge."""
     problems = []
+    if len(network.route) != 1:
+        problems.append(Problem("network", f"the network must have one edge, got {len(network.route)}."))
     starts: dict[str, VehicleState | Spawn] = {
         "ego": ego,
         **{f"vehicle {spawn.id}": spawn for spawn in others},
