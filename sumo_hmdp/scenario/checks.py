@@ -13,7 +13,7 @@ from sumo_hmdp.planning.problem_checks import dead_end_problem, table_checks
 from sumo_hmdp.scenario.schema import (
     ScenarioFile,
 )
-from sumo_hmdp.sim.sumo_input import read_network
+from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
 

@@ -16,6 +16,8 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.contact import overlap_depth
 from sumo_hmdp.sim.ghost import image_lane, second_lane
+from sumo_hmdp.sim.network import Network
+from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.traffic.car_following import Drivers
 from sumo_hmdp.traffic.mobil import LaneChangeRule, Vehicles, choose_lanes
 from sumo_hmdp.traffic.spawn import IdmParameters, Spawn
@@ -25,6 +27,14 @@ IntArray = NDArray[np.int64]
 
 # A look for a better lane that is due is not missed for the rounding of a time [s].
 _SOON = 1e-6
+# Who moves less in a step has no course [m].
+_STANDS = 1e-3
+# Beyond this angle to the road a vehicle crosses it [rad].
+_CROSSING = math.pi / 4
+# How far beside the road a body can still reach into it [m].
+_BESIDE = 15.0
+# Beyond the way that it takes to brake comfortably, a lane is given up this far before its end [m].
+_GIVE_UP = 10.0
 
 
 @dataclass(frozen=True)
@@ -36,12 +46,18 @@ class BackgroundSettings:
         lane_change_time: from one lane's centre to the next [s].
         interval: least time from one change of a driver to its next [s].
         period: time between two looks for a better lane [s], rounded to the simulation step.
+        route_time: how long before its lane ends a driver begins to look for the one that its route needs, at its
+            desired speed [s]; enough for three changes with their intervals.
+        route_bias: what the route adds to the incentive just before the lane ends, growing from 0 [m/s2]; as much as
+            a comfortable deceleration.
     """
 
     rule: LaneChangeRule
     lane_change_time: float = 4.0
     interval: float = 4.0
     period: float = 0.4
+    route_time: float = 30.0
+    route_bias: float = 2.0
 
 
 class Background:
@@ -58,7 +74,7 @@ class Background:
         self,
         sumo: Any,  # noqa: ANN401 - libsumo, or TraCI, which has the same functions
         settings: BackgroundSettings,
-        road: Road,
+        network: Network,
         dt: float,
         spawns: Sequence[Spawn],
     ) -> None:
@@ -67,17 +83,21 @@ class Background:
         Args:
             sumo: libsumo or a module with the same functions.
             settings: common to all drivers.
-            road: the lanes.
+            network: the road.
             dt: simulation step [s].
             spawns: all background vehicles of the run, also those that enter later.
         """
-        self._sumo, self._settings, self._road, self._dt = sumo, settings, road, dt
+        self._sumo, self._settings, self._dt = sumo, settings, dt
+        self._network, self._road = network, network.road
+        self._routes = Routes(network)
+        self._exits: list[str | None] = [spawn.exit for spawn in spawns]
         self._spawns = tuple(spawns)
         self._row = {spawn.id: row for row, spawn in enumerate(spawns)}
         self._traits = traits_of(spawns)
         self._every = max(1, round(settings.period / dt))
         count = len(self._spawns)
         self._x, self._y, self._speed = (np.full(count, math.nan) for _ in range(3))
+        self._heading = np.zeros(count)
         self._last = np.full((3, count), math.nan)
         self._target = np.array([spawn.lane for spawn in spawns], dtype=np.int64)
         self._origin = self._target.copy()
@@ -100,7 +120,7 @@ class Background:
             if spawn.time > time + _SOON:
                 still_waiting += self._waiting[place:]
                 break
-            if time <= 0.0:
+            if time <= 0.0 or spawn.entry is not None:
                 admitted: Spawn | None = spawn
             else:
                 admitted = None if spawn.lane in full else self._admitted(spawn)
@@ -109,11 +129,13 @@ class Background:
                 still_waiting.append(row)
             else:
                 # One newcomer a lane and step: the next one has to see it first.
-                full.add(spawn.lane)
+                if spawn.entry is None:
+                    full.add(spawn.lane)
                 add(admitted)
                 entered.append(row)
-                self._x[row], self._y[row] = admitted.x, self._road.center_y(admitted.lane)
-                self._speed[row] = admitted.speed
+                if admitted.entry is None:
+                    self._x[row], self._y[row] = admitted.x, self._road.center_y(admitted.lane)
+                    self._speed[row] = admitted.speed
                 # A newcomer has to settle in before it looks for another lane.
                 self._arrives[row] = time if time > 0.0 else -math.inf
         self._waiting = still_waiting
@@ -122,7 +144,8 @@ class Background:
 
     def _admitted(self, spawn: Spawn) -> Spawn | None:
         """Return the newcomer with the speed at which it may enter, None where there is no room yet."""
-        here = self.active[(self._target[self.active] == spawn.lane) | (self._origin[self.active] == spawn.lane)]
+        rows = self.on_road()
+        here = rows[(self._target[rows] == spawn.lane) | (self._origin[rows] == spawn.lane)]
         ahead = here[self._x[here] > spawn.x - spawn.length]
         if not len(ahead):
             return spawn
@@ -144,14 +167,57 @@ class Background:
         if step % self._every or not len(self.active):
             return
         now = (step - 1) * self._dt
-        rows = self.active
+        rows = self.on_road()
         vehicles = self._vehicles(rows, self._arrives[rows] > now + _SOON, others)
         may_change = np.zeros(len(vehicles.x), dtype=bool)
         may_change[: len(rows)] = self._arrives[rows] + self._settings.interval <= now + _SOON
-        allowed = np.ones((len(vehicles.x), self._road.lane_count), dtype=bool)
-        moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change)
+        ends, bias = self._route_needs(rows, len(others))
+        here = np.take_along_axis(ends, vehicles.lane[:, None] - 1, axis=1)
+        far = ends - vehicles.x[:, None] > self._settings.route_time * vehicles.drivers.desired_speed[:, None]
+        allowed = self._network.lane_exists(vehicles.x) & (far | (ends >= here))
+        moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change, bias, ends)
         for index in np.flatnonzero(moves).tolist():
             self._begin(int(rows[index]), int(moves[index]), now)
+
+    def _route_needs(self, rows: IntArray, strangers: int) -> tuple[FloatArray, FloatArray]:
+        """Return where lanes end, shape (n, lanes), and the incentive by the route to go left or right, shape (n, 2).
+
+        Who has come too near to the end of its lane gives its exit up, or takes the one that its lane serves.
+        """
+        ends = np.full((len(rows) + strangers, self._road.lane_count), np.inf)
+        bias = np.zeros((len(rows) + strangers, 2))
+        if not self._routes.needed:
+            return ends, bias
+        exits = [self._exits[row] for row in rows.tolist()]
+        for name in dict.fromkeys(exits):
+            same = np.array([index for index, other in enumerate(exits) if other == name])
+            ends[same] = self._routes.lane_ends(name, self._x[rows[same]])
+        lanes = np.arange(self._road.lane_count)
+        for index in np.flatnonzero(np.isfinite(ends[: len(rows)]).any(axis=1)).tolist():
+            row = int(rows[index])
+            own = int(self._target[row]) - 1
+            left = ends[index, own] - self._x[row]
+            if not math.isfinite(left):
+                continue
+            speed = self._speed[row]
+            if left < speed**2 / (2.0 * self._spawns[row].idm.decel) + _GIVE_UP:
+                self._give_up(row, own + 1, float(ends[index, own]))
+            better = lanes[ends[index] > ends[index, own]]
+            if len(better):
+                side = 0 if better[np.abs(better - own).argmin()] < own else 1
+                share = 1.0 - left / (self._settings.route_time * self._traits[2, row])
+                bias[index, side] = self._settings.route_bias * max(0.0, share)
+                bias[index, 1 - side] = -bias[index, side]
+        return ends, bias
+
+    def _give_up(self, row: int, lane: int, end: float) -> None:
+        """Let a vehicle that cannot reach its lane any more go where the lane that it is in leads to."""
+        served = None if self._exits[row] is not None else self._routes.turn_of(end, lane)
+        if served == self._exits[row] or self._routes.lane_ends(served, self._x[[row]])[0, lane - 1] <= end:
+            return
+        number = self._network.place(float(self._x[row]), lane).number
+        self._sumo.vehicle.setRoute(self._spawns[row].id, list(self._routes.edges(number, served)))
+        self._exits[row] = served
 
     def _vehicles(self, rows: IntArray, changing: NDArray[np.bool_], others: Sequence[VehicleState]) -> Vehicles:
         """Return the background in some rows, then the others, as drivers see them."""
@@ -173,7 +239,9 @@ class Background:
         self._origin[row], self._target[row] = self._target[row], lane
         self._arrives[row] = now + self._settings.lane_change_time
         self.change_count += 1
-        self._sumo.vehicle.changeLane(self._spawns[row].id, self._road.sumo_index(lane), self._dt)
+        self._sumo.vehicle.changeLane(
+            self._spawns[row].id, self._network.lane_index(float(self._x[row]), lane), self._dt
+        )
 
     def read(self, time: float) -> None:
         """Read everybody after a step that ended at `time` [s], and drop who has left.
@@ -194,6 +262,10 @@ class Background:
         except self._sumo.TraCIException as error:
             raise SimulationError(f"a background vehicle must stay until the road's end, got: {error}") from error
         self._x[rows], self._y[rows] = places[:, 0], places[:, 1]
+        dx, dy = self._x[rows] - self._last[0, rows], self._y[rows] - self._last[1, rows]
+        # Who stands keeps its heading; who has just come has none yet.
+        moved = np.hypot(dx, dy) > _STANDS
+        self._heading[rows[moved]] = np.arctan2(dy[moved], dx[moved])
         # SUMO answers for a vehicle that it has taken off with a large negative number.
         wrong = ~np.isfinite(places[:, 0] + self._speed[rows]) | (self._speed[rows] < 0.0)
         if wrong.any():
@@ -201,12 +273,28 @@ class Background:
             raise SimulationError(f"the state of {name} must be finite, got x = {places[wrong][0]} (t = {time:g} s).")
         arrived = self._arrives[rows] <= time + _SOON
         self._origin[rows[arrived]] = self._target[rows[arrived]]
-        self._note_contacts(rows)
+        self._note_contacts(self.on_road())
+
+    def on_road(self) -> IntArray:
+        """Return the rows of those who drive along the road, in a lane of it; others are on ramps or cross it."""
+        rows = self.active
+        x, y = self._x[rows], self._y[rows]
+        lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
+        inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
+        inside[inside] = np.take_along_axis(self._network.lane_exists(x[inside]), lane[inside][:, None] - 1, 1)[:, 0]
+        return rows[inside]
 
     def states(self, x: float, reach: float) -> list[VehicleState]:
-        """Return who is within `reach` of `x` along the road [m], in the lane of its front centre, at cruise."""
-        rows = self.active[np.abs(self._x[self.active] - x) <= reach]
-        return [self._state(row) for row in rows.tolist()]
+        """Return who drives along the road within `reach` of `x` [m], in the lane of its front centre, at cruise."""
+        rows = self.on_road()
+        return [self._state(row) for row in rows[np.abs(self._x[rows] - x) <= reach].tolist()]
+
+    def crossing(self, x: float, reach: float) -> list[VehicleState]:
+        """Return who is on or beside the road within `reach` of `x` [m] and does not drive along it."""
+        rows = self.active[~np.isin(self.active, self.on_road())]
+        beside = 0.5 * self._road.lane_count * self._road.lane_width + _BESIDE
+        near = (np.abs(self._x[rows] - x) <= reach) & (np.abs(self._y[rows]) <= beside)
+        return [self._state(row) for row in rows[near].tolist()]
 
     def spawns(self) -> tuple[Spawn, ...]:
         """Return everybody on the road as it would enter at time 0, then who still waits, with its time.
@@ -223,16 +311,18 @@ class Background:
                 x=float(self._x[row]),
                 speed=float(self._speed[row]),
                 time=0.0,
+                entry=None,
+                exit=self._exits[row],
             )
-            for row in self.active.tolist()
+            for row in self.on_road().tolist()
         ]
         return (*present, *(self._spawns[row] for row in self._waiting))
 
     def _state(self, row: int) -> VehicleState:
         spawn = self._spawns[row]
         x, y, speed = float(self._x[row]), float(self._y[row]), float(self._speed[row])
-        last_x, last_y, last_speed = self._last[:, row].tolist()
-        new = math.isnan(last_x)
+        _, last_y, last_speed = self._last[:, row].tolist()
+        new = math.isnan(last_y)
         return VehicleState(
             id=spawn.id,
             x=x,
@@ -240,7 +330,7 @@ class Background:
             speed=speed,
             lane=self._road.lane_at(y),
             accel=0.0 if new else (speed - last_speed) / self._dt,
-            heading=0.0 if new or y == last_y else math.atan2(y - last_y, x - last_x),
+            heading=float(self._heading[row]),
             length=spawn.length,
             width=spawn.width,
             lateral_speed=0.0 if new else (y - last_y) / self._dt,

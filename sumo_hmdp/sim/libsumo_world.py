@@ -22,7 +22,9 @@ from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import EGO_CLASS, Network, read_network, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.network import Network, read_network
+from sumo_hmdp.sim.routes import Routes
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
@@ -86,7 +88,7 @@ class LibsumoWorld:
         """
         with ExitStack() as stack:
             everybody = (*self._spawns.values(), *self._crowd)
-            stack.enter_context(_simulation(self.settings, self._network, self._ego, everybody))
+            stack.enter_context(_simulation(self.settings, self._ego, everybody))
             self._start()
             self._resources = stack.pop_all()
         return self
@@ -194,7 +196,7 @@ class LibsumoWorld:
         if driver is None:
             self._place(start)
         if settings.background is not None:
-            self._background = Background(libsumo, settings.background, settings.road, settings.dt, self._crowd)
+            self._background = Background(libsumo, settings.background, self._network, settings.dt, self._crowd)
         self._insert_due(start)
         _simulate(self.time)
         self._checked_ego(start)
@@ -206,8 +208,9 @@ class LibsumoWorld:
     def _let_change_lanes(self, driver: SumoDriver) -> None:
         """Leave the ego's lane changes to SUMO; it can also be kept out of a lane in which it starts, and leaves it."""
         libsumo.vehicle.setLaneChangeMode(EGO_ID, _OWN_LANE_CHANGES)
-        for lane in driver.forbidden_lanes:
-            libsumo.lane.setDisallowed(f"{self._network.edge}_{self.settings.road.sumo_index(lane)}", [EGO_CLASS])
+        for name, lane in self._network.lane_of.items():
+            if lane in driver.forbidden_lanes:
+                libsumo.lane.setDisallowed(name, [EGO_CLASS])
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
@@ -309,14 +312,14 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
     """
     assert settings.background is not None  # noqa: S101 - the caller's own mistake
     network = read_network(settings.net_file, settings.road)
-    background = Background(libsumo, settings.background, settings.road, settings.dt, spawns)
+    background = Background(libsumo, settings.background, network, settings.dt, spawns)
     steps = round(duration / settings.dt)
     last_change = duration - settings.background.lane_change_time
 
     def add(spawn: Spawn) -> None:
         _insert(network, spawn, spawn.id, spawn.lane, spawn.driver)
 
-    with _simulation(settings, network, None, spawns):
+    with _simulation(settings, None, spawns):
         for step in range(steps + 1):
             time = step * settings.dt
             background.enter(time, add)
@@ -332,9 +335,7 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
 
 
 @contextmanager
-def _simulation(
-    settings: checks.WorldSettings, network: Network, ego: VehicleState | None, others: Iterable[Spawn]
-) -> Iterator[None]:
+def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others: Iterable[Spawn]) -> Iterator[None]:
     """Start SUMO with the vehicle types of a run and an empty road, and end it whatever happens."""
     if libsumo.isLoaded():
         raise SimulationError("a process must have one world open at a time, got two. Close the first.")
@@ -347,7 +348,6 @@ def _simulation(
                 libsumo.start(command)
             except _SUMO_ERRORS as error:
                 raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
-            libsumo.route.add(_ROUTE, [network.edge])
             yield
         finally:
             _close()
@@ -362,12 +362,23 @@ def _simulate(time: float) -> None:
 
 def _insert(network: Network, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
     """Ask SUMO to insert a vehicle at the end of the coming step."""
+    routes = Routes(network)
+    way_out = vehicle.exit if isinstance(vehicle, Spawn) else None
+    if isinstance(vehicle, Spawn) and vehicle.entry is not None:
+        route, edges = f"{_ROUTE}-{vehicle.entry}", routes.entry_edges(vehicle.entry)
+        lane_index, position = 0, "base"
+    else:
+        place = network.place(vehicle.x, lane)
+        route, edges = f"{_ROUTE}-{place.number}-{way_out}", routes.edges(place.number, way_out)
+        lane_index, position = place.lane_index, repr(float(place.position))
+    if route not in libsumo.route.getIDList():
+        libsumo.route.add(route, list(edges))
     libsumo.vehicle.add(
         name,
-        _ROUTE,
+        route,
         typeID=type_id(vehicle.id),
-        departLane=str(network.road.sumo_index(lane)),
-        departPos=repr(float(vehicle.x - network.x_begin)),
+        departLane=str(lane_index),
+        departPos=position,
         departSpeed=repr(float(vehicle.speed)),
     )
     libsumo.vehicle.setLaneChangeMode(name, 0)
@@ -405,7 +416,7 @@ def _read_vehicle(spawn: Spawn | VehicleState, road: Road) -> VehicleState:
         x=x,
         y=y,
         speed=speed,
-        lane=road.lane_of_sumo_index(vehicle.getLaneIndex(spawn.id)),
+        lane=road.lane_at(y),
         accel=accel,
         heading=heading,
         length=spawn.length,

@@ -1,19 +1,15 @@
-"""What SUMO is started with: its options, the vehicle types of one run, and a built network."""
+"""What SUMO is started with: its options and the vehicle types of one run."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].
 _UNLIMITED = 1000.0
-_SAME = 1e-6
 # A class of its own can be kept out of a lane that the traffic uses.
 EGO_CLASS = "custom1"
 
@@ -106,69 +102,3 @@ def sumo_command(
     if lane_change_time is not None:
         options["lanechange.duration"] = lane_change_time
     return ["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))]
-
-
-@dataclass(frozen=True)
-class Network:
-    """A straight road as SUMO has it.
-
-    Attributes:
-        edge: the name of its edge.
-        road: its lanes.
-        x_begin: where it begins [m].
-        x_end: where it ends, and vehicles leave it [m].
-    """
-
-    edge: str
-    road: Road
-    x_begin: float
-    x_end: float
-
-    def holds(self, x: float, y: float) -> bool:
-        """Tell whether a front centre at (x, y) [m] is on the road."""
-        return self.x_begin <= x < self.x_end and abs(y) <= 0.5 * self.road.lane_count * self.road.lane_width
-
-
-def read_network(net_file: Path, road: Road) -> Network:
-    """Read a built network and check that it is the road.
-
-    Raises:
-        InputError: it cannot be read, has more than one edge, or its lanes are not the road's.
-    """
-    try:
-        root = ET.parse(net_file).getroot()  # noqa: S314 (a network is the user's own file)
-    except (OSError, ET.ParseError) as error:
-        raise InputError([f"the network must be readable XML, got: {error}."], str(net_file)) from error
-    edges = [edge for edge in root.iter("edge") if edge.get("function") is None]
-    if len(edges) != 1:
-        raise InputError([f"the network must have one edge, got {len(edges)}."], str(net_file))
-    lanes = edges[0].findall("lane")
-    try:
-        shapes = [[tuple(map(float, point.split(","))) for point in lane.attrib["shape"].split()] for lane in lanes]
-        # SUMO's default width, which netconvert leaves out.
-        widths = [float(lane.get("width", "3.2")) for lane in lanes]
-    except (KeyError, ValueError) as error:
-        raise InputError([f"the lanes must have shapes of numbers, got: {error}."], str(net_file)) from error
-    problems = list(_lane_mistakes(shapes, widths, road))
-    if problems:
-        raise InputError(problems, str(net_file))
-    return Network(edges[0].attrib["id"], road, shapes[0][0][0], shapes[0][-1][0])
-
-
-def _lane_mistakes(shapes: list[list[tuple[float, ...]]], widths: list[float], road: Road) -> Iterator[Problem]:
-    """Yield where lanes, given by SUMO's index, differ from the road's."""
-    if len(shapes) != road.lane_count:
-        yield Problem("lane_count", f"lane_count must equal the network's {len(shapes)}, got {road.lane_count}.")
-        return
-    for index, (shape, width) in enumerate(zip(shapes, widths, strict=True)):
-        lane = road.lane_of_sumo_index(index)
-        center = road.center_y(lane)
-        if abs(width - road.lane_width) > _SAME:
-            message = f"lane_width must equal the network's {width} m (lane {lane}), got {road.lane_width} m."
-            yield Problem("lane_width", message)
-        elif any(abs(point[1] - center) > _SAME for point in shape) or shape[0][0] >= shape[-1][0]:
-            yield Problem(
-                "lanes",
-                f"lane {lane} must run along y = {center} m with growing x, got {shape}. "
-                'Build the network with spreadType="center" and --offset.disable-normalization true.',
-            )

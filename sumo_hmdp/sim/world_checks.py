@@ -12,7 +12,7 @@ from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.ghost import image_lane, second_lane
-from sumo_hmdp.sim.sumo_input import Network
+from sumo_hmdp.sim.network import Network
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn, spawn_problems
 
 _MILLISECOND = 1e-3

@@ -67,6 +67,9 @@ class Spawn:
         time: when it enters [s]; rounded to the simulation step.
         idm: parameters of an `idm` or `background` driver.
         politeness: of a `background` driver, the weight of what its lane change does to others.
+        entry: the way onto the road that a `background` vehicle takes; None starts on the road, else `x` has no
+            meaning until it gets there.
+        exit: the way off the road that a `background` vehicle wants, None for the road's end.
     """
 
     id: str
@@ -80,6 +83,8 @@ class Spawn:
     time: float = 0.0
     idm: IdmParameters = field(default_factory=IdmParameters)
     politeness: float = 0.0
+    entry: str | None = None
+    exit: str | None = None
 
 
 def spawn_problems(spawns: Sequence[Spawn], road: Road, where: str = "spawns") -> list[Problem]:

@@ -325,7 +325,7 @@ def test_runs_repeat_in_this_process_and_in_another():
 
 def test_a_network_that_sumo_cannot_load_is_an_error_and_leaves_the_process_usable(tmp_path):
     net = tmp_path / "net.xml"
-    net.write_text(run.NET.read_text().replace('length="10000.00"', 'length="long"'))
+    net.write_text(run.NET.read_text().replace('speed="60.00"', 'speed="fast"'))
     with pytest.raises(SimulationError, match="SUMO must load"):
         LibsumoWorld(replace(run.settings(), net_file=net), run.EGO, ()).__enter__()
     with LibsumoWorld(run.settings(), run.EGO, ()) as world:

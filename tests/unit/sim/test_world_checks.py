@@ -9,7 +9,7 @@ import pytest
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.sim.sumo_input import read_network
+from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings, blocks, command_problems, start_problems, world_problems
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 
@@ -23,7 +23,7 @@ POSED = replace(EGO, id="p", y=4.0)
 
 def test_the_built_network_is_the_road_and_names_nothing_of_the_machine_that_built_it():
     network = read_network(NET, ROAD)
-    assert (network.edge, network.x_begin, network.x_end) == ("highway", -1000.0, 9000.0)
+    assert (network.route, network.x_begin, network.x_end) == (("highway",), -1000.0, 9000.0)
     assert "<!--" not in NET.read_text()
 
 
@@ -50,8 +50,9 @@ def changed(tmp_path, old, new):
         ("-1000.00,-4.00 9000.00,-4.00", "-1000.00,-5.00 9000.00,-5.00", "lane 3 must run along y = -4.0 m"),
         ("-1000.00,4.00 9000.00,4.00", "9000.00,4.00 -1000.00,4.00", "growing x"),
         ('shape="-1000.00,4.00 9000.00,4.00"', 'shape="here"', "shapes of numbers"),
-        ("</edge>", '</edge><edge id="b"></edge>', "must have one edge, got 2"),
+        ("</edge>", '</edge><edge id="b"></edge>', "edge b must have lanes, got none"),
         ("</net>", "", "readable XML"),
+        ("<edge", '<edge function="internal"', "must have an edge, got none"),
     ],
 )
 def test_a_network_that_is_not_a_straight_road_is_refused(tmp_path, old, new, message):
