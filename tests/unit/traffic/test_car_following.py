@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_hmdp.traffic.car_following import (
@@ -72,6 +72,7 @@ drivers = st.builds(
 )
 
 
+@settings(deadline=None)
 @given(drivers, st.floats(2.0, 500.0))
 def test_nobody_accelerates_in_equilibrium(driver, surplus):
     gap = np.array([driver[0].min_gap + surplus])
@@ -81,6 +82,7 @@ def test_nobody_accelerates_in_equilibrium(driver, surplus):
     assert idm_accel(alone, speed, gap, speed) == pytest.approx(0.0, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(st.lists(drivers, min_size=1, max_size=5))
 def test_a_group_is_its_members(group):
     speed, gap = np.linspace(1.0, 20.0, len(group)), np.linspace(3.0, 80.0, len(group))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_hmdp.errors import InputError
@@ -41,6 +41,7 @@ def search(x, lane, second, lanes, i):
     return ahead, behind
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 9), st.integers(1, 3), st.sampled_from([0, 0, 1, 2, 3])), max_size=12),
 )
