@@ -151,10 +151,7 @@ def initial_population(
         problems.append(Problem("x_from", f"x_from must be finite and below x_to, got {x_from} and {x_to} m."))
     if problems:
         raise InputError(problems)
-    found: list[BackgroundVehicle] = []
-    for lane in lanes:
-        found += _lane_population(demand, lane, x_from, x_to, seed)
-    return tuple(found)
+    return tuple(vehicle for lane in lanes for vehicle in _lane_population(demand, lane, x_from, x_to, seed))
 
 
 def arrivals(
@@ -231,20 +228,21 @@ def _lane_population(demand: Demand, lane: int, x_from: float, x_to: float, seed
             f"standstill they need {least:.1f} m. Lower the density or the share of long vehicles."
         )
         raise InputError([Problem("density", message)])
-    weight = [
+    weights = [
         one.idm.time_gap * (1.0 + demand.gap_spread * (2.0 * draw[4] - 1.0))
         for one, draw in zip(traits, draws, strict=True)
     ]
-    # As on a ring: the gap ahead of the first is split between the two ends of the road.
-    gaps = [
-        one.idm.min_gap + (x_to - x_from - least) * w / math.fsum(weight) for one, w in zip(traits, weight, strict=True)
-    ]
+    unit = (x_to - x_from - least) / math.fsum(weights) if weights else 0.0
+    gaps = [one.idm.min_gap + unit * weight for one, weight in zip(traits, weights, strict=True)]
     wishes = equilibrium_speed(drivers_of(traits), np.array(gaps))
-    x, ahead = x_to - phase * gaps[0] if gaps else x_to, None
+    ahead: BackgroundVehicle | None = None
     for index, (one, gap, wish) in enumerate(zip(traits, gaps, wishes, strict=True)):
-        if ahead is not None:
+        if ahead is None:
+            # As on a ring: the gap ahead of the first is split between the two ends of the road.
+            x, speed = x_to - phase * gap, float(wish)
+        else:
             x = ahead.x - ahead.traits.length - gap
-        speed = float(wish) if ahead is None else _comfortable_speed(one, float(wish), gap, ahead.speed)
+            speed = _comfortable_speed(one, float(wish), gap, ahead.speed)
         ahead = BackgroundVehicle(f"bg-{lane}-{index:03d}", lane, x, speed, one)
         yield ahead
 
