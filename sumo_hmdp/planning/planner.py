@@ -102,7 +102,7 @@ class HmdpPlanner:
         seen = (other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range)
         vehicles = tuple(self._predicted(other, scene.time) for other in seen)
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
-        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start)
+        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
 
     def _predicted(self, state: VehicleState, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)
