@@ -137,12 +137,13 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         pieces: list[_Piece] = []
         for index, state in enumerate(states[k + 1]):
             rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
+            closed = closed_from(problem, state.occupied)
             for level, phase in levels:
                 speed = lattice.speed_at(level, phase)
                 if speed not in by_speed:
                     safe = distances.safe(speed)
                     by_speed[speed] = safe if distances.hard is distances.safe else distances.hard(speed), safe
-                place = _Place(state, index, level, phase, closed_from(problem, state.occupied))
+                place = _Place(state, index, level, phase, closed)
                 pieces.append(_carve(lattice, branches, by_speed[speed], k, rows, place))
         after = _Frontier(states[k + 1], pieces)
         stages.append(_stage(after, _moves(before, after, sweep_steps(problem), levelled=levelled)))
@@ -228,7 +229,7 @@ def _carve(
         ahead = (x - np.maximum(soft.behind[rows, k] - DISTANCE_TOLERANCE, 0.0))[::-1]
         ends[2, 1:] = behind[last]
         ends[3, :-1] = np.minimum.accumulate(ahead)[::-1][starts]
-    # Metres beyond a line are counted from the line itself: a plan that gains at one end what it loses at the line ties.
+    # Metres beyond a line are counted from the line itself, so that one that loses there what it gains elsewhere ties.
     closed = place.closed_from + (DISTANCE_TOLERANCE if hard is soft else 0.0)
     ends[3] = np.minimum(ends[3], closed)
     if hard is soft:
