@@ -43,6 +43,19 @@ class VehicleState:
 
 
 @dataclass(frozen=True)
+class StopLine:
+    """A line that the ego's front bumper may not pass: a red signal, the end of a lane, an exit that is blocked.
+
+    Attributes:
+        lanes: the lanes that it closes.
+        x: where it is along the road [m].
+    """
+
+    lanes: frozenset[int]
+    x: float
+
+
+@dataclass(frozen=True)
 class Scene:
     """All vehicles at one instant.
 
@@ -51,9 +64,11 @@ class Scene:
         road: the road they are on.
         ego: the ego.
         others: the surrounding vehicles, ordered by id.
+        stop_lines: that are closed to the ego now.
     """
 
     time: float
     road: Road
     ego: VehicleState
     others: tuple[VehicleState, ...]
+    stop_lines: tuple[StopLine, ...] = ()

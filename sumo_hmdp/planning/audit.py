@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, ManeuverState, Mode
 from sumo_hmdp.domain.plan import Status
+from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
 from sumo_hmdp.planning.decide import Answer, make_plan, shortfalls
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import occupied_lanes, present_lanes, start_state, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.planning.stop_lines import line_shortfalls
 
 
 class Cause(StrEnum):
@@ -31,6 +33,7 @@ class Cause(StrEnum):
     TRACKING: the ego is not where its plan put it.
     BASELINE: the action of the baseline at the end of the horizon is not feasible; nothing was planned that far.
     LIMITS: the plan leaves the ego's own limits (lane, mode or speed).
+    STOP_LINE: a stop line closed that was open before.
     """
 
     NEW_VEHICLE = "new_vehicle"
@@ -40,6 +43,7 @@ class Cause(StrEnum):
     TRACKING = "tracking"
     BASELINE = "baseline"
     LIMITS = "limits"
+    STOP_LINE = "stop_line"
 
 
 @dataclass(frozen=True)
@@ -49,12 +53,14 @@ class Breach:
     Attributes:
         step: at which step, 1..H.
         row: of the branch that it concerns, None where it concerns the ego alone.
-        metres: what is missing to the safe distance; 0 where the ego would pass through.
+        metres: what is missing to the safe distance, or to the line; 0 where the ego would pass through.
+        line: the stop line that it concerns, None where it concerns none.
     """
 
     step: int
     row: int | None
     metres: float
+    line: StopLine | None = None
 
 
 @dataclass(frozen=True)
@@ -134,8 +140,9 @@ def first_breach(problem: DecisionProblem, answer: Answer, sequence: ManeuverSeq
         sequence: any sequence of H maneuvers.
     """
     own = _own_breach(problem, answer.lattice, sequence)
+    line = _line_breach(problem, answer.lattice, sequence)
     traffic = _traffic_breach(problem, answer, sequence)
-    found = [breach for breach in (own, traffic) if breach is not None]
+    found = [breach for breach in (own, line, traffic) if breach is not None]
     return min(found, key=lambda breach: breach.step, default=None)
 
 
@@ -148,6 +155,14 @@ def _own_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: Maneuve
         if not possible or abs(following - mode) > 1 or not lattice.allows(motion.level, motion.phase):
             return Breach(k + 1, None, 0.0)
         mode = following
+    return None
+
+
+def _line_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> Breach | None:
+    plan = make_plan(problem, lattice, sequence)
+    for step, (line, beyond) in zip(plan, line_shortfalls(problem, plan), strict=True):
+        if beyond > DISTANCE_TOLERANCE:
+            return Breach(step.step, None, beyond, line)
     return None
 
 
@@ -185,7 +200,7 @@ def cause_of(
     """Tell why a shifted plan failed, from what was predicted one period ago."""
     horizon = problem.settings.horizon_steps
     if breach.row is None:
-        return Cause.BASELINE if breach.step == horizon else Cause.LIMITS
+        return _cause_without_vehicle(last_problem, breach)
     branches, row = answer.branches, breach.row
     vehicle = branches.vehicles[branches.vehicle[row]]
     ids = [v.state.id for v in last_problem.vehicles]
@@ -211,6 +226,24 @@ def cause_of(
     return Cause.TRACKING if abs(last.plan[0].x - problem.ego.x) > off else Cause.NOISE
 
 
+def _cause_without_vehicle(last_problem: DecisionProblem, breach: Breach) -> Cause:
+    if breach.line is not None and not _was_closed(last_problem, breach.line):
+        cause = Cause.STOP_LINE
+    elif breach.step == last_problem.settings.horizon_steps:
+        cause = Cause.BASELINE
+    else:
+        cause = Cause.LIMITS if breach.line is None else Cause.TRACKING
+    return cause
+
+
+def _was_closed(problem: DecisionProblem, line: StopLine) -> bool:
+    """Tell whether a problem has a line in the same lanes at the same place or before it."""
+    return all(
+        any(lane in old.lanes and old.x <= line.x + DISTANCE_TOLERANCE for old in problem.stop_lines)
+        for lane in line.lanes
+    )
+
+
 def _impossible(problem: DecisionProblem, index: int, lane: int, mode: int) -> bool:
     """Tell whether a vehicle's policy gave no probability to the state that it is in one step later."""
     vehicle = problem.vehicles[index]
@@ -224,6 +257,8 @@ def _impossible(problem: DecisionProblem, index: int, lane: int, mode: int) -> b
 
 def _reason(answer: Answer, breach: Breach, cause: Cause) -> str:
     where = f"{cause}: step {breach.step}"
+    if breach.line is not None:
+        return f"{where}, {breach.metres:.2f} m beyond the stop line at {breach.line.x:.2f} m"
     if breach.row is None:
         return where
     vehicle = answer.branches.vehicles[answer.branches.vehicle[breach.row]].state.id

@@ -10,7 +10,7 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import Command, Decision, Status
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.idm import Idm
-from sumo_hmdp.planning.mobil import Mobil, neighbours
+from sumo_hmdp.planning.mobil import Mobil, follow_in_lane
 from sumo_hmdp.planning.problem_schema import NonNegative, Positive
 from sumo_hmdp.validation import FileModel
 
@@ -122,8 +122,7 @@ class IdmMobilPlanner:
             # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
             memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
         lane = scene.ego.lane + lateral
-        ahead, _ = neighbours(scene, scene.ego, lane)
-        accel = self.idm.follow(scene.ego, ahead)
+        accel = follow_in_lane(scene, scene.ego, lane, self.idm)
         decision = rule_decision(scene, Command(lane, accel), lateral)
         return replace(decision, solve_time=time.perf_counter() - started), memory
 

@@ -22,6 +22,7 @@ from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clear
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneState, lane_states, occupied_lanes, present_lanes, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, DistanceRule
+from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches, farthest_stop
 
 BoolArray = NDArray[np.bool_]
 Level = tuple[int, int]
@@ -44,6 +45,8 @@ class Stage:
         high: (N,) upper end; low <= high.
         soft_low: (N,) lower end that keeps every safe distance; equals `low` unless distances are relaxed.
         soft_high: (N,) upper end likewise; it may lie below `soft_low` where no such place exists.
+        stop_high: (N,) upper end of where the ego may come to rest if it brakes from here, soft in relaxed corridors;
+            infinite but at the last step, where a stop line matters.
         moves: (N of the previous step, N) whether the ego may move between two windows.
     """
 
@@ -56,6 +59,7 @@ class Stage:
     high: FloatArray
     soft_low: FloatArray
     soft_high: FloatArray
+    stop_high: FloatArray
     moves: BoolArray
 
 
@@ -77,6 +81,11 @@ class Corridors:
     def passable(self) -> bool:
         """Tell whether every step has at least one window."""
         return all(len(stage.lane) for stage in self.stages)
+
+    @property
+    def lines(self) -> bool:
+        """Tell whether a stop line may matter."""
+        return bool(np.isfinite(self.stages[-1].stop_high).any())
 
 
 @dataclass(frozen=True)
@@ -112,7 +121,7 @@ def clearances(problem: DecisionProblem, branches: Branches, margin: FloatArray,
 
 
 def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, distances: Clearances) -> Corridors:
-    """Build the corridor graph (docs/formulation.md, eq. 10).
+    """Build the corridor graph (docs/formulation.md, eqs. 10 and 23).
 
     Returns:
         The graph; a step at which everything is taken has a stage without windows.
@@ -128,11 +137,14 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         pieces: list[_Piece] = []
         for index, state in enumerate(states[k + 1]):
             rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
+            closed = closed_from(problem, state.occupied)
             for level, phase in levels:
                 speed = lattice.speed_at(level, phase)
                 if speed not in by_speed:
-                    by_speed[speed] = distances.hard(speed), distances.safe(speed)
-                pieces.append(_carve(lattice, branches, by_speed[speed], k, rows, _Place(state, index, level, phase)))
+                    safe = distances.safe(speed)
+                    by_speed[speed] = safe if distances.hard is distances.safe else distances.hard(speed), safe
+                place = _Place(state, index, level, phase, closed)
+                pieces.append(_carve(lattice, branches, by_speed[speed], k, rows, place))
         after = _Frontier(states[k + 1], pieces)
         stages.append(_stage(after, _moves(before, after, sweep_steps(problem), levelled=levelled)))
         before = after
@@ -145,12 +157,13 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
 
 @dataclass(frozen=True)
 class _Place:
-    """What a piece of the graph is for: a lane state and a speed level."""
+    """What a piece of the graph is for: a lane state and a speed level; a stop line may close it from some x on."""
 
     state: LaneState
     index: int
     level: int
     phase: int
+    closed_from: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -163,6 +176,7 @@ class _Piece:
     block_high: FloatArray
     order: IntArray
     bounds: FloatArray  # (4, N): low, high, soft_low, soft_high
+    stop_high: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -215,6 +229,11 @@ def _carve(
         ahead = (x - np.maximum(soft.behind[rows, k] - DISTANCE_TOLERANCE, 0.0))[::-1]
         ends[2, 1:] = behind[last]
         ends[3, :-1] = np.minimum.accumulate(ahead)[::-1][starts]
+    # Metres beyond a line are counted from the line itself, so that one that loses there what it gains elsewhere ties.
+    closed = place.closed_from + (DISTANCE_TOLERANCE if hard is soft else 0.0)
+    ends[3] = np.minimum(ends[3], closed)
+    if hard is soft:
+        ends[1] = ends[3]
     units = lattice.to_units(k + 1, ends)
     reach_units = _reach(lattice, k + 1)
     units[0::2] = np.maximum(units[0::2], reach_units[0])
@@ -223,7 +242,10 @@ def _carve(
         # Positions are whole numbers of units: so are the bounds that matter.
         units[0], units[1] = np.ceil(units[0] - UNIT_TOLERANCE), np.floor(units[1] + UNIT_TOLERANCE)
     order = np.flatnonzero(units[0] <= units[1])
-    return _Piece(place, block, block_low, block_high, order, units[:, order])
+    stop_high = float((closed - lattice.drift(k + 1)) / lattice.unit)
+    if k + 1 < lattice.steps or stop_high >= farthest_stop(lattice):
+        stop_high = np.inf
+    return _Piece(place, block, block_low, block_high, order, units[:, order], stop_high)
 
 
 def _reach(lattice: EgoLattice, step: int) -> tuple[float, float]:
@@ -254,6 +276,7 @@ def _stage(frontier: _Frontier, moves: BoolArray) -> Stage:
         high=bounds[1],
         soft_low=bounds[2],
         soft_high=bounds[3],
+        stop_high=np.repeat(np.array([piece.stop_high for piece in pieces], dtype=np.float64), sizes),
         moves=moves,
     )
 
@@ -304,7 +327,7 @@ def _same_side(earlier: _Piece, later: _Piece) -> BoolArray:
 def forbidden_intervals(
     problem: DecisionProblem, lattice: EgoLattice, branches: Branches, margin: FloatArray
 ) -> tuple[ForbiddenInterval, ...]:
-    """Return what is forbidden in each lane taken alone, at the ego's present speed; for display.
+    """Return what is forbidden in each lane taken alone, at the ego's present speed, and by stop lines; for display.
 
     Args:
         problem: the decision problem.
@@ -323,4 +346,4 @@ def forbidden_intervals(
                 ForbiddenInterval(k + 1, lane, a, b)
                 for a, b in zip(piece.block_low.tolist(), piece.block_high.tolist(), strict=True)
             ]
-    return tuple(found)
+    return (*found, *closed_stretches(problem, lattice))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
+from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, predict
 from sumo_hmdp.hmdp.dynamics import FloatArray
@@ -23,6 +24,7 @@ from sumo_hmdp.planning.optimiser import DeadlineError, best_sequence, least_vio
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.risk import margins
 from sumo_hmdp.planning.search import search_best, search_relaxed
+from sumo_hmdp.planning.stop_lines import line_shortfalls
 
 Solver = Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]
 
@@ -57,14 +59,21 @@ class Shortfall:
     """The worst distance of a plan.
 
     Attributes:
-        vehicle_id: to which vehicle.
+        vehicle_id: to which vehicle; `stop line` where `line` is given.
         step: at which step.
         metres: how much is missing.
+        line: the stop line that the plan passes, or before which it cannot stop; None where it is a vehicle.
     """
 
     vehicle_id: str
     step: int
     metres: float
+    line: StopLine | None = None
+
+    def __str__(self) -> str:
+        if self.line is None:
+            return f"{self.vehicle_id} at step {self.step} is {self.metres:.2f} m too near"
+        return f"from step {self.step} the ego stops {self.metres:.2f} m beyond the stop line at {self.line.x:.2f} m"
 
 
 @dataclass(frozen=True)
@@ -171,9 +180,7 @@ def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequenc
     violation, reason = 0.0, ""
     if status is Status.RELAXED:
         violation, worst = violation_of(problem, plan, common["branches"], common["margin"])
-        reason = (
-            f"no plan keeps every distance; {worst.vehicle_id} at step {worst.step} is {worst.metres:.2f} m too near"
-        )
+        reason = f"no plan keeps every distance{' and stop line' * bool(problem.stop_lines)}; {worst}"
     if not sequence.proven:
         status = Status.INCUMBENT if status is Status.OPTIMAL else status
         reason = f"{reason}; " * bool(reason) + "the deadline came before the plan was proven to be the best"
@@ -199,7 +206,7 @@ def _fallback(problem: DecisionProblem, failure: str, common: dict[str, Any]) ->
         status=Status.FALLBACK,
         objective=None,
         violation=None,
-        reason=f"{failure}; brake in lane for {blocker or 'no vehicle ahead'}",
+        reason=f"{failure}; brake in lane for {blocker or 'nothing ahead'}",
         lateral=Lateral.KEEP,
         mode=Mode.DECELERATE,
         brake=brake,
@@ -269,15 +276,20 @@ def shortfalls(
 def violation_of(
     problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
 ) -> tuple[float, Shortfall]:
-    """Return the total violation of a plan [m] and its worst distance (docs/formulation.md, eq. 14).
+    """Return the total violation of a plan [m] and its worst distance (docs/formulation.md, eqs. 14 and 23).
 
-    The violation of a step is the largest shortfall to what is behind plus the largest to what is ahead.
+    The violation of a step is the largest shortfall to what is behind plus the largest to what is ahead, a stop line
+    included.
     """
     total, worst = 0.0, Shortfall("no vehicle", 0, 0.0)
-    for k, rows, ahead, missing in shortfalls(problem, plan, branches, margin):
+    by_step = zip(shortfalls(problem, plan, branches, margin), line_shortfalls(problem, plan), strict=True)
+    for (k, rows, ahead, missing), (line, beyond) in by_step:
         counted = np.where(missing > DISTANCE_TOLERANCE, missing, 0.0)
-        total += float(counted[ahead].max(initial=0.0) + counted[~ahead].max(initial=0.0))
-        if counted.max(initial=0.0) > worst.metres:
+        passed = beyond if beyond > DISTANCE_TOLERANCE else 0.0
+        total += float(counted[ahead].max(initial=0.0) + counted[~ahead].max(initial=passed))
+        if passed > max(worst.metres, counted.max(initial=0.0)):
+            worst = Shortfall("stop line", k + 1, passed, line)
+        elif counted.max(initial=0.0) > worst.metres:
             at = int(counted.argmax())
             vehicle = branches.vehicles[branches.vehicle[rows[at]]]
             worst = Shortfall(vehicle.state.id, k + 1, float(counted[at]))

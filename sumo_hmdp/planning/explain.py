@@ -13,6 +13,7 @@ from sumo_hmdp.planning.first_actions import FirstAction, first_actions
 from sumo_hmdp.planning.occupancy import occupied_lanes
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.search import mode_tree
+from sumo_hmdp.planning.stop_lines import nearest_line
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ class Bound:
 
     Attributes:
         x: where it is [m].
-        vehicle_id: whose branch it keeps off.
-        rank: of that branch.
+        vehicle_id: whose branch it keeps off; `stop line` where it is one.
+        rank: of that branch; 0 for a stop line.
         mean: of that branch [m].
         distance: the safe distance without the margin [m].
         margin: of that branch [m].
@@ -106,7 +107,7 @@ class ExplainedLane:
     Attributes:
         lane: its number.
         reachable: whether the ego can intend it by then, traffic aside.
-        windows: from behind; one more than there are forbidden stretches.
+        windows: from behind; one more than there are forbidden stretches. Beyond a stop line the last is at infinity.
     """
 
     lane: int
@@ -229,7 +230,11 @@ def _steps(problem: DecisionProblem, answer: Answer, ranks: IntArray) -> tuple[E
         bounds = _bounds(problem, answer, ranks, k, speed)
         reachable = {state.lane for state in answer.corridors.states[k + 1]}
         lanes = tuple(
-            ExplainedLane(lane, lane in reachable, _windows([bounds[row] for row in np.flatnonzero(mine)]))
+            ExplainedLane(
+                lane,
+                lane in reachable,
+                _windows([*(bounds[row] for row in np.flatnonzero(mine)), *_line_bounds(problem, lane)]),
+            )
             for lane, mine in enumerate(occupied[:, k].T, start=1)
         )
         points = prefixes.point
@@ -259,6 +264,15 @@ def _bounds(
             )
         )
     return bounds
+
+
+def _line_bounds(problem: DecisionProblem, lane: int) -> list[tuple[Bound, Bound]]:
+    """Return what a stop line forbids in a lane: all that is beyond it."""
+    line = nearest_line(problem.ego, problem.stop_lines, {lane})
+    if line is None:
+        return []
+    low, high = (Bound(x, "stop line", 0, x, 0.0, 0.0) for x in (line.x, np.inf))
+    return [(low, high)]
 
 
 def _windows(forbidden: list[tuple[Bound, Bound]]) -> tuple[Window, ...]:

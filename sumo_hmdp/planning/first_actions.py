@@ -115,7 +115,7 @@ class _Judge:
         violation, worst, reason = 0.0, None, ""
         if action.verdict is Verdict.SHORT:
             violation, worst = violation_of(problem, plan, answer.branches, answer.margin)
-            reason = f"{worst.vehicle_id} at step {worst.step} is {worst.metres:.2f} m too near"
+            reason = str(worst)
         return replace(
             action,
             reason=reason,

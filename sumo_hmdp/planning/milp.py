@@ -39,6 +39,7 @@ class Shape:
         relaxed: whether distances may be violated at a price.
         levelled: whether windows hold for one speed level only.
         stopping: whether the ego may come to rest within a step.
+        lines: whether a stop line may matter.
     """
 
     steps: int
@@ -48,6 +49,7 @@ class Shape:
     relaxed: bool
     levelled: bool
     stopping: bool
+    lines: bool = False
 
 
 def build_model(shape: Shape) -> pyo.ConcreteModel:
@@ -80,6 +82,8 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.window_has_level = pyo.Constraint(model.K, rule=window_has_level)
     if shape.levelled and shape.stopping:
         model.window_has_phase = pyo.Constraint(model.K, rule=window_has_phase)
+    if shape.lines:
+        model.stops_before_line = pyo.Constraint(model.N, rule=stops_before_line)
     if shape.terminal:
         model.end_lane = pyo.Constraint(model.L, rule=end_lane)
         model.end_mode = pyo.Constraint(MODES, rule=end_mode)
@@ -98,6 +102,7 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
     """Declare the data: variables that are fixed before a solve."""
     K, I = model.K, model.I  # noqa: E741 - the index sets' usual names
     data = model.data = pyo.Block()
+    model.N = pyo.RangeSet(-shape.steps, shape.steps)
     data.maneuver_cost = pyo.Var(MODES, LATERALS)
     data.may_accelerate = pyo.Var()
     data.may_decelerate = pyo.Var()
@@ -123,8 +128,12 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
         data.lost_share = pyo.Var()
         data.lost_speed = pyo.Var()
         data.lost_share_squared = pyo.Var()
+    if shape.lines:
+        data.stop_high = pyo.Var(I)
+        data.braked = pyo.Var(model.N)
+        data.braked_slope = pyo.Var(model.N)
+        data.braked_less = pyo.Var(model.N)
     if shape.terminal:
-        model.N = pyo.RangeSet(-shape.steps, shape.steps)
         model.P = pyo.RangeSet(0, int(shape.stopping))
         data.in_lane = pyo.Var(model.L, I)
         data.terminal = pyo.Var(model.L, model.N, model.P, MODES)
@@ -305,6 +314,27 @@ def soft_ahead(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 def violation_cap(model: pyo.ConcreteModel) -> pyo.Expression:
     """Row: the violation is at most what was found to be the least."""
     return total_violation(model) <= model.data.violation_cap
+
+
+def stops_before_line(model: pyo.ConcreteModel, m: int) -> pyo.Expression:
+    """Row: s_H + r_m^2 + (2 r_m + 1) (n_H - m) + 2 r_m acc_H - lost_m stopped <= sum over i of stop_high[i] z[H, i].
+
+    The stopping distance, (v_H / (accel T))^2 lattice units and twice the root of it where the ego accelerates, is
+    convex in the speed level: its largest chord is its value (docs/formulation.md, eq. 23). Chord m passes through the
+    levels m and m + 1 of phase 0, at r_m = v / (accel T), or m - 1 and m where the ego accelerates. Once it has stopped
+    within a step, its speed is lower by the share rho of a speed step, and the distance by at most
+    lost_m = 2 rho (r_m + 1) - rho^2 below the chord; by so much at level m + 1, or m where it accelerates. A relaxed
+    plan may come to rest beyond the line, at the price of `short_ahead`.
+    """
+    H, data = model.K.last(), model.data
+    slope = data.braked_slope[m]
+    rest = lattice_point(model, H) + data.braked[m] + slope * (speed_level(model, H) - m)
+    rest += (slope - 1) * mode_is(model, H, 1)
+    if hasattr(model, "stop"):
+        rest -= data.braked_less[m] * has_stopped(model, H)
+    if hasattr(model, "short_ahead"):
+        rest -= model.short_ahead[H]
+    return rest <= sum(data.stop_high[i] * model.z[H, i] for i in model.I)
 
 
 def total_cost(model: pyo.ConcreteModel) -> pyo.Expression:

@@ -6,8 +6,9 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 from dataclasses import dataclass
 
 from sumo_hmdp.domain.maneuver import Lateral
-from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.planning.idm import Idm
+from sumo_hmdp.planning.stop_lines import nearest_line
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class Mobil:
             idm: how it and those around it follow their leaders.
         """
         ahead, _ = neighbours(scene, vehicle, vehicle.lane)
-        if ahead is None or ahead.x - vehicle.x >= self.leader_range:
+        leaders = (ahead, line_ahead(scene, vehicle, vehicle.lane))
+        if all(leader is None or leader.x - vehicle.x >= self.leader_range for leader in leaders):
             return Lateral.KEEP
         best, best_incentive = Lateral.KEEP, self.threshold
         for lateral in (Lateral.LEFT, Lateral.RIGHT):
@@ -65,7 +67,7 @@ class Mobil:
         """
         ahead_here, behind_here = neighbours(scene, vehicle, vehicle.lane)
         ahead_there, behind_there = neighbours(scene, vehicle, lane)
-        incentive = idm.follow(vehicle, ahead_there) - idm.follow(vehicle, ahead_here)
+        incentive = follow_in_lane(scene, vehicle, lane, idm) - follow_in_lane(scene, vehicle, vehicle.lane, idm)
         for follower, leader_before, leader_after in (
             (behind_there, ahead_there, vehicle),
             (behind_here, vehicle, ahead_here),
@@ -77,6 +79,21 @@ class Mobil:
                 return None
             incentive += self.politeness * (accel - idm.follow(follower, leader_before))
         return incentive
+
+
+def follow_in_lane(scene: Scene, vehicle: VehicleState, lane: int, idm: Idm) -> float:
+    """Return the acceleration in a lane [m/s2]: behind the vehicle ahead or a stop line, whichever asks for less.
+
+    The line counts even where a vehicle is before it, which may pass it before it turns up as the next leader.
+    """
+    ahead, _ = neighbours(scene, vehicle, lane)
+    return min(idm.follow(vehicle, ahead), idm.follow(vehicle, line_ahead(scene, vehicle, lane)))
+
+
+def line_ahead(scene: Scene, vehicle: VehicleState, lane: int) -> VehicleState | None:
+    """Return the nearest stop line ahead in a lane as a leader that stands there, None for all but the ego."""
+    line = nearest_line(vehicle, scene.stop_lines, {lane}) if vehicle.id == EGO_ID else None
+    return None if line is None else VehicleState("stop line", line.x, vehicle.y, 0.0, lane, length=0.0)
 
 
 def neighbours(scene: Scene, vehicle: VehicleState, lane: int) -> tuple[VehicleState | None, VehicleState | None]:

@@ -14,6 +14,7 @@ from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.milp import Shape
 from sumo_hmdp.planning.milp_terms import LATERALS, MODES
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
 
 FloatArray = NDArray[np.float64]
 
@@ -118,12 +119,20 @@ def _violation(
     if windows is None:
         return np.inf
     motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
-    return float(
-        sum(
-            max(0.0, stage.soft_low[i] - motion.point) + max(0.0, motion.point - stage.soft_high[i])
-            for stage, motion, i in zip(corridors.stages, motions, windows, strict=True)
-        )
-    )
+    places = list(zip(corridors.stages, motions, windows, strict=True))
+    behind = sum(max(0.0, stage.soft_low[i] - motion.point) for stage, motion, i in places)
+    ahead = [max(0.0, motion.point - stage.soft_high[i]) for stage, motion, i in places]
+    ahead[-1] = max(ahead[-1], _beyond_line(problem, lattice, corridors, sequence, windows))
+    return float(behind + sum(ahead))
+
+
+def _beyond_line(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, sequence: ManeuverSequence, windows: list[int]
+) -> float:
+    """Return how far beyond its stop line a sequence comes to rest, in lattice units (docs/formulation.md, eq. 23)."""
+    end = lattice.walk(tuple(int(mode) for mode in sequence.modes))[-1]
+    braked = stopping_distance(problem.settings, end.speed, sequence.modes[-1])
+    return float(end.point + braked / lattice.unit - corridors.stages[-1].stop_high[windows[-1]])
 
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
@@ -138,6 +147,7 @@ def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors
         relaxed=relaxed,
         levelled=corridors.levelled,
         stopping=lattice.stopping,
+        lines=corridors.lines,
     )
 
 
@@ -180,6 +190,15 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         values["lost_share"] = 1 - lattice.rest_share
         values["lost_speed"] = lattice.speed_step * (1 - lattice.rest_share)
         values["lost_share_squared"] = (1 - lattice.rest_share) ** 2
+    if shape.lines:
+        # Beyond the farthest stop nothing is asked, neither of windows without a line nor of those that are not there.
+        stop_high = np.full(width, farthest_stop(lattice) + 1.0)
+        last = corridors.stages[-1].stop_high + (0.0 if shape.relaxed else STOPPING_SLACK)
+        stop_high[: len(last)] = np.minimum(last, stop_high[: len(last)])
+        speeds = lattice.speed / lattice.speed_step + np.arange(-H, H + 1)
+        values["stop_high"] = stop_high
+        values["braked"], values["braked_slope"] = speeds**2, 2 * speeds + 1
+        values["braked_less"] = 2 * lattice.rest_share * (speeds + 1) - lattice.rest_share**2
     if shape.terminal:
         values["in_lane"] = windows["lane"][-1] == np.arange(1, shape.lanes + 1)[:, None]
         table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
@@ -202,6 +221,8 @@ def start_values(
     motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
     windows = _windows_of(problem, lattice, corridors, sequence)
     if windows is None:
+        return None
+    if _beyond_line(problem, lattice, corridors, sequence, windows) > UNIT_TOLERANCE:
         return None
     preferences = problem.settings.preferences
     u = np.zeros((shape.steps, len(MODES), len(LATERALS)))

@@ -125,7 +125,7 @@ class HmdpPlanner:
         maneuvers = self.read(scene, memory) if read is None else read
         vehicles = tuple(self._predicted(other, maneuvers.get(other.id), scene.time) for other in self._seen(scene))
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
-        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start)
+        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
 
     def _seen(self, scene: Scene) -> list[VehicleState]:
         return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]

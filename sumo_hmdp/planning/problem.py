@@ -5,7 +5,7 @@ from enum import StrEnum
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.hmdp.branches import PredictedVehicle, PredictionSettings
 from sumo_hmdp.hmdp.dynamics import LateralGains
 
@@ -160,6 +160,7 @@ class DecisionProblem:
         vehicles: the surrounding vehicles with their policies and noise.
         start: a sequence to start the MILP from, such as what is left of the plan before; it costs nothing if it is
             not feasible, and changes at most which of several best plans is found.
+        stop_lines: that are closed to the ego for the whole horizon; one that it has passed has no effect.
     """
 
     road: Road
@@ -167,6 +168,7 @@ class DecisionProblem:
     ego: VehicleState
     vehicles: tuple[PredictedVehicle, ...]
     start: "ManeuverSequence | None" = None
+    stop_lines: tuple[StopLine, ...] = ()
 
 
 @dataclass(frozen=True)

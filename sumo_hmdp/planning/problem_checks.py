@@ -78,6 +78,9 @@ def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
     places += [("vehicles", index, "lane") for index in range(_length(raw.get("vehicles")))]
     forbidden = raw.get("planner", "forbidden_lanes")
     places += [("planner", "forbidden_lanes", index) for index in range(_length(forbidden))]
+    for index in range(_length(raw.get("stop_lines"))):
+        lanes = raw.get("stop_lines", index, "lanes")
+        places += [("stop_lines", index, "lanes", number) for number in range(_length(lanes))]
     for place in places:
         lane = raw.integer(*place)
         if lane is not None and not 1 <= lane <= count:

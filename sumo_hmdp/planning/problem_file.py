@@ -62,7 +62,7 @@ def read_problem(path: Path) -> DecisionProblem:
 def problem_document(problem: DecisionProblem) -> dict[str, Any]:
     """Return the file form of a problem, ready for JSON; `parse_problem` of it gives the problem back."""
     settings, preferences = problem.settings, problem.settings.preferences
-    return {
+    document: dict[str, Any] = {
         "lanes": {"count": problem.road.lane_count, "width_m": problem.road.lane_width},
         "planner": {
             "period_s": settings.period,
@@ -106,6 +106,9 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
             for lateral, mode in zip(problem.start.laterals, problem.start.modes, strict=True)
         ],
     }
+    if problem.stop_lines:
+        document["stop_lines"] = [{"lanes": sorted(line.lanes), "x_m": line.x} for line in problem.stop_lines]
+    return document
 
 
 def _state_document(state: VehicleState) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pydantic import Discriminator, Field, Tag
 
 from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import EGO_ID, VehicleState
+from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.hmdp.branches import PredictedVehicle
 from sumo_hmdp.hmdp.dynamics import LateralGains, Noise
 from sumo_hmdp.hmdp.policy import Policy, Probabilities
@@ -230,6 +230,13 @@ class ManeuverFile(FileModel):
     mode: ModeName
 
 
+class StopLineFile(FileModel):
+    """One stop line."""
+
+    lanes: Annotated[list[int], Field(min_length=1)]
+    x_m: Number
+
+
 class ProblemFile(FileModel):
     """A decision problem."""
 
@@ -238,6 +245,7 @@ class ProblemFile(FileModel):
     ego: StateFile
     vehicles: list[VehicleFile]
     start_plan: list[ManeuverFile] | None = None
+    stop_lines: list[StopLineFile] = Field(default_factory=list)
 
     def problem(self) -> DecisionProblem:
         """Return the problem as the planner uses it."""
@@ -259,4 +267,5 @@ class ProblemFile(FileModel):
                 for vehicle in self.vehicles
             ),
             start=start,
+            stop_lines=tuple(StopLine(frozenset(line.lanes), line.x_m) for line in self.stop_lines),
         )

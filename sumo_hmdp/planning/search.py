@@ -18,6 +18,7 @@ from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, BoolArray, Corridors, S
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.planning.stop_lines import stopping_distance
 
 Maneuver = tuple[Lateral, Mode]
 
@@ -125,7 +126,11 @@ def search_best(
     """
     _require_searchable(problem, corridors)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
-    return _cheapest(problem, lattice, corridors, tree, _usable(problem, corridors, tree, first))
+    usable = _usable(problem, corridors, tree, first)
+    if corridors.lines:
+        stop = _stopping_points(problem, lattice, tree[-1])
+        usable[-1] &= stop[:, None] <= corridors.stages[-1].stop_high + UNIT_TOLERANCE
+    return _cheapest(problem, lattice, corridors, tree, usable)
 
 
 def search_relaxed(
@@ -146,6 +151,11 @@ def search_relaxed(
     for stage, prefixes, inside in zip(corridors.stages, tree[1:], usable, strict=True):
         point = prefixes.point[:, None]
         missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(point - stage.soft_high, 0.0)
+        if stage is corridors.stages[-1] and corridors.lines:
+            beyond = np.maximum(
+                point - stage.soft_high, _stopping_points(problem, lattice, prefixes)[:, None] - stage.stop_high
+            )
+            missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(beyond, 0.0)
         shortfall.append(np.where(inside, missing, np.inf))
     to_here = [np.zeros((1, 1))]
     for stage, prefixes, missing in zip(corridors.stages, tree[1:], shortfall, strict=True):
@@ -195,6 +205,11 @@ def _usable(
     if first is not None:
         usable[0] &= corridors.stages[0].lane == problem.ego.lane + first[0]
     return usable
+
+
+def _stopping_points(problem: DecisionProblem, lattice: EgoLattice, prefixes: ModeTree) -> FloatArray:
+    """Return where each prefix comes to rest if it brakes at its end, in lattice units."""
+    return prefixes.point + stopping_distance(problem.settings, prefixes.speed, prefixes.mode) / lattice.unit
 
 
 def _inside(stage: Stage, prefixes: ModeTree, corridors: Corridors) -> BoolArray:

@@ -1,5 +1,6 @@
 """An explanation as text for a terminal, at most 100 columns wide."""
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
@@ -147,7 +148,7 @@ def _lane(
         yield f"{'':>14}{lane.lane:>6}{'':>20}  none; the nearest are"
         # Windows and forbidden stretches alternate, so there is one on either side.
         behind = [window for window in lane.windows if window.high_x < reach[0]][-1:]
-        ahead = [window for window in lane.windows if window.low_x > reach[1]][:1]
+        ahead = [window for window in lane.windows if reach[1] < window.low_x < math.inf][:1]
         for window in (*behind, *ahead):
             yield from _window(None, window, " ")
 
@@ -169,6 +170,8 @@ def _window(lane: int | None, window: Window, mark: str) -> Iterator[str]:
 def _bound(word: str, bound: Bound | None, sign: str) -> str:
     if bound is None:
         return ""
+    if not bound.rank:
+        return f"{word:<5}the stop line"
     terms = f"{bound.mean:.2f} {sign} ({bound.distance:.2f} + {bound.margin:.2f})"
     return f"{word:<5}{bound.vehicle_id} #{bound.rank}: {terms}"
 

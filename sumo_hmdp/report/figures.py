@@ -25,6 +25,7 @@ from sumo_hmdp.report.lane_panel import (
     draw_bars,
     draw_ego,
     draw_frame,
+    draw_stop_line,
     draw_track,
     look_of,
 )
@@ -110,6 +111,7 @@ def decision_figure(explanation: Explanation) -> Figure:
         for index, track in enumerate(content.tracks):
             if track is not None and draw_track(axes, view, index, track):
                 in_view.add(track.vehicle_id)
+        draw_stop_line(axes, view, explanation, lane)
         draw_ego(axes, view, explanation, lane)
     panels[-1].set_xlabel("time from now [s]")
     figure.supylabel("position ahead of the cruising ego [m]", fontsize=8)

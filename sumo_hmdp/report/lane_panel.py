@@ -13,13 +13,15 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator
 
 from sumo_hmdp.planning.explain import Explanation
-from sumo_hmdp.report.figure_data import LaneView, Stretch, Track, View, ego_path
+from sumo_hmdp.planning.stop_lines import nearest_line
+from sumo_hmdp.report.figure_data import LaneView, Stretch, Track, View, ego_path, relative
 
 # Blue, vermillion, bluish green, reddish purple, orange, sky blue; black is the ego's.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = ("s", "^", "D", "v", "P", "X", "<", ">")
 SAFE_COLOR, REACH_COLOR, REACH_EDGE = "#EDF5FB", "#B5D8EE", "#5E9CC7"
 FORBIDDEN_COLOR, HATCH_COLOR = "#F4F4F4", "#9A9A9A"
+LINE_COLOR = "#A00000"
 # Branches at one place that are less likely together than this get no bar for their margin.
 LIKELY = 0.05
 # Width of what holds at a step's end, as a share of the period.
@@ -148,7 +150,21 @@ def draw_ego(axes: Axes, view: View, explanation: Explanation, lane: int) -> Non
     worst = explanation.chosen.worst
     if worst is not None and path[worst.step].lane == lane:
         place = worst.step * view.period, path[worst.step].x
-        _note(axes, f"{worst.metres:.2f} m too near {worst.vehicle_id}", place, (0, -11), ha="center")
+        told = f"too near {worst.vehicle_id}" if worst.line is None else "beyond the stop line"
+        _note(axes, f"{worst.metres:.2f} m {told}", place, (0, -11), ha="center")
+
+
+def draw_stop_line(axes: Axes, view: View, explanation: Explanation, lane: int) -> None:
+    """Draw the nearest stop line of a lane; it falls back behind an ego that cruises."""
+    problem = explanation.problem
+    line = nearest_line(problem.ego, problem.stop_lines, {lane})
+    if line is None:
+        return
+    places = [(k * view.period, relative(explanation, k, line.x)) for k in range(view.steps + 1)]
+    axes.plot(*zip(*places, strict=True), color=LINE_COLOR, linewidth=1.8, zorder=2.5, scalex=False, scaley=False)
+    shown = [place for place in places if view.low <= place[1] <= view.high]
+    if shown:
+        _note(axes, "stop line", shown[0], (2.0, 7.0), color=LINE_COLOR)
 
 
 def _note(

@@ -143,11 +143,35 @@ def distance(problem, ego_speed, branch, *, ego_is_ahead):
     return leader_length + max(0.0, way)
 
 
-def step_violation(problem, before, lanes, x, speed, branch_steps):
+def stopping_place(problem, x, speed, mode):
+    """Return where the ego comes to rest that brakes as soon as its mode lets it (23): one level a step."""
+    planner = problem["planner"]
+    T, accel = planner["period_s"], planner["accel_mps2"]
+    while speed > 0.0:
+        mode = max(mode - 1, -1)
+        if mode == 0:
+            x += speed * T
+        elif speed < accel * T:
+            return x + speed**2 / (2.0 * accel)
+        else:
+            x += speed * T - accel * T**2 / 2.0
+            speed -= accel * T
+    return x
+
+
+def beyond_lines(problem, lanes, place):
+    """Return by how many metres a place is beyond the stop lines of some lanes, those behind the ego now aside (23)."""
+    lines = problem.get("stop_lines", [])
+    ahead = [line for line in lines if problem["ego"]["x_m"] - line["x_m"] <= DISTANCE_TOLERANCE]
+    beyond = max((place - line["x_m"] for line in ahead if lanes & set(line["lanes"])), default=0.0)
+    return beyond if beyond > DISTANCE_TOLERANCE else 0.0
+
+
+def step_violation(problem, before, lanes, x, speed, branch_steps, beyond_line):
     """Return the metres by which a step of the ego misses the distances it must keep (8, 14); None where it
-    touches a branch or passes through one."""
+    touches a branch or passes through one. What it is beyond a stop line counts like a vehicle ahead."""
     ego_length = problem["ego"].get("length_m", DEFAULT_LENGTH)
-    short_ahead, short_behind = 0.0, 0.0
+    short_ahead, short_behind = 0.0, beyond_line
     for branch in branch_steps:
         if branch.lanes.isdisjoint(lanes):
             continue
@@ -184,9 +208,9 @@ def ego_motion(problem, x, speed, mode):
     return x + speed * T + mode * accel * T**2 / 2.0, after
 
 
-def ego_step(problem, branch_steps, before, lateral, mode):
+def ego_step(problem, branch_steps, before, lateral, mode, *, last):
     """Return the EgoState after an action, or None where it is not admissible, touches a vehicle or passes
-    through one [6, 7]."""
+    through one [6, 7]. At the last step the ego must be able to stop before its lines."""
     lane = before.lane + lateral
     if not 1 <= lane <= problem["lanes"]["count"] or lane in problem["planner"]["forbidden_lanes"]:
         return None
@@ -197,7 +221,8 @@ def ego_step(problem, branch_steps, before, lateral, mode):
         return None
     x, speed = moved
     leaving, lanes = lanes_after(problem, before, lane)
-    violation = step_violation(problem, before, lanes, x, speed, branch_steps)
+    beyond = beyond_lines(problem, lanes, stopping_place(problem, x, speed, mode) if last else x)
+    violation = step_violation(problem, before, lanes, x, speed, branch_steps, beyond)
     if violation is None:
         return None
     return EgoState(lane, x, speed, mode, leaving, lanes, lateral, violation)
@@ -230,7 +255,8 @@ def all_plans(problem, steps):
             return
         for lateral in (0, -1, 1):
             for mode in (0, 1, -1):
-                step = ego_step(problem, steps[len(plan) + 1], state, lateral, mode)
+                last = len(plan) == horizon - 1
+                step = ego_step(problem, steps[len(plan) + 1], state, lateral, mode, last=last)
                 if step is not None:
                     extend([*plan, step], step, violation + step.violation)
 
@@ -285,7 +311,7 @@ def follow(problem, lateral, longitudinal):
     branch_steps = predict(problem)[0][1:]
     states = [ego_now(problem)]
     for k in range(horizon):
-        step = ego_step(problem, branch_steps[k], states[-1], lateral[k], longitudinal[k])
+        step = ego_step(problem, branch_steps[k], states[-1], lateral[k], longitudinal[k], last=k == horizon - 1)
         if step is None:
             return None
         states.append(step)

@@ -35,6 +35,12 @@ def general_problems():
 
 
 @pytest.fixture(scope="session")
+def line_problems():
+    """The module line_problems: random_line_problem(rng)."""
+    return _load("line_problems")
+
+
+@pytest.fixture(scope="session")
 def agreement():
     """The module agreement: disagreements(brute_force, problem, solvers)."""
     return _load("agreement")
