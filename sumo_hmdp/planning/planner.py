@@ -18,6 +18,7 @@ from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
+from sumo_hmdp.planning.occupancy import body_lanes
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
 
@@ -68,6 +69,8 @@ class HmdpPlanner:
             vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
         solver: a name of `planning.decide.SOLVERS`.
+        yields_to_followers: whether vehicles behind in the ego's own lane are kept at a distance by the ego, also while
+            it is in that lane alone; otherwise that is theirs to do.
         name: as in the registry.
     """
 
@@ -76,6 +79,7 @@ class HmdpPlanner:
     default_belief: Belief | None = None
     sensing_range: float = 200.0
     solver: str = "milp"
+    yields_to_followers: bool = True
     name: str = "hmdp_mpc"
 
     @property
@@ -128,7 +132,12 @@ class HmdpPlanner:
         return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
 
     def _seen(self, scene: Scene) -> list[VehicleState]:
-        return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
+        near = [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
+        ego, road = scene.ego, scene.road
+        own = body_lanes(road, ego.y, ego.width)
+        if self.yields_to_followers or own != (ego.lane,):
+            return near
+        return [v for v in near if v.x > ego.x or body_lanes(road, v.y, v.width) != own]
 
     def _predicted(self, state: VehicleState, maneuver: ManeuverState | None, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)

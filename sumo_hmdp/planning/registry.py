@@ -20,10 +20,13 @@ class HmdpParameters(PlannerFile):
     """The keys of `hmdp_mpc` in a scenario: those of a decision file, and how far it sees.
 
     In a scenario `occupancy` is `swept` unless it says otherwise, since under the paper's `target` a leader is dropped
-    the instant the intent changes; and `lane_change_time_s` is the ego's.
+    the instant the intent changes; and `lane_change_time_s` is the ego's. `followers: all`, the paper's rule, keeps the
+    distance to whoever is behind as well. `other_lanes` leaves that to those behind in the ego's own lane, unless it is
+    changing lanes: a prediction that does not react would have them drive into an ego that stops.
     """
 
     sensing_range_m: float = 200.0
+    followers: Literal["all", "other_lanes"] = "all"
     occupancy: Literal["target", "swept"] = "swept"
 
 
@@ -78,6 +81,7 @@ def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlan
         beliefs=context.beliefs,
         default_belief=context.default_belief,
         sensing_range=parameters.sensing_range_m,
+        yields_to_followers=parameters.followers == "all",
         solver=context.solver,
     )
 

@@ -25,12 +25,11 @@ from sumo_hmdp.scenario.checks import (
     start_checks,
     time_checks,
 )
+from sumo_hmdp.scenario.crowd import background, ego_start
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
-    background,
     belief_of,
     driver_of,
-    ego_start,
     matched_paths,
     measurement,
     spawn_of,
@@ -276,6 +275,7 @@ def _assemble(
             drivers=drivers,
             motion=MotionKind(scenario.ego.motion) if sumo_driver is None else MotionKind.SUMO,
             paths=paths,
+            goal_x=scenario.ego.goal_x_m,
             measurement=measurement(scenario, road.lane_count, options.seed),
         ),
         world=replace(world, ego_driver=sumo_driver),

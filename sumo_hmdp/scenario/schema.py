@@ -32,6 +32,7 @@ class EgoFile(FileModel):
     mode: ModeName = "cruise"
     lane_change_time_s: Positive = 4.0
     motion: Literal["bicycle", "point_mass"] = "bicycle"
+    goal_x_m: Number | None = None
 
 
 class SwitchFile(FileModel):

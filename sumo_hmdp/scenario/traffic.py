@@ -122,13 +122,20 @@ class MeasurementFile(FileModel):
 
 
 class TrafficFile(FileModel):
-    """`traffic`: exactly one of density and flow is given; classes that are left out are those of the population."""
+    """`traffic`: exactly one of density and flow is given; classes that are left out are those of the population.
+
+    `ramp_flow_vph` comes from each on-ramp and `side_flow_vph` from each side street; `exit_share` of all vehicles
+    leave the road before its end, by an exit that is drawn among those ahead of them.
+    """
 
     density_vpkm_per_lane: NonNegative | None = None
     flow_vph_per_lane: NonNegative | None = None
     stretch_m: Annotated[list[Number], Field(min_length=2, max_length=2)]
     lanes: Annotated[list[int], Field(min_length=1)] | None = None
     inflow: bool = True
+    ramp_flow_vph: NonNegative = 0.0
+    side_flow_vph: NonNegative = 0.0
+    exit_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     warm_up_s: NonNegative = 30.0
     population: Literal["highway", "urban"] = "highway"
     classes: Annotated[list[ClassFile], Field(min_length=1)] | None = None
@@ -183,18 +190,28 @@ class TrafficFile(FileModel):
             limit = f"{lane.jam_density / _PER_KM:.1f} vehicles/km, where its vehicles stand"
             message = f"must be below the jam density of a lane, {limit}, got {density:g}; lower it"
             yield Problem("traffic.density_vpkm_per_lane", message)
-        elif flow is not None and flow * _PER_HOUR > lane.capacity()[0]:
-            limit = f"{lane.capacity()[0] / _PER_HOUR:.0f} vehicles/h"
-            message = f"must be at most the capacity of a lane, {limit}, got {flow:g}; lower it or give a density"
-            yield Problem("traffic.flow_vph_per_lane", message)
+        capacity = lane.capacity()[0] / _PER_HOUR
+        for key in ("flow_vph_per_lane", "ramp_flow_vph", "side_flow_vph"):
+            value = getattr(self, key)
+            if value is not None and value > capacity:
+                message = f"must be at most the capacity of a lane, {capacity:.0f} vehicles/h, got {value:g}; lower it"
+                yield Problem(f"traffic.{key}", message)
 
     def demand(self) -> Demand:
-        """Return the demand; `problems` is empty."""
-        classes: tuple[VehicleClass, ...] = POPULATIONS[self.population]
-        if self.classes is not None:
-            classes = tuple(kind.vehicle_class() for kind in self.classes)
+        """Return the demand of each lane; `problems` is empty."""
         return Demand(
-            classes=classes,
+            classes=self._classes(),
             density=None if self.density_vpkm_per_lane is None else self.density_vpkm_per_lane * _PER_KM,
             flow=None if self.flow_vph_per_lane is None else self.flow_vph_per_lane * _PER_HOUR,
         )
+
+    def flow(self, vehicles_per_hour: float) -> Demand | None:
+        """Return the demand of a ramp or side street, None for no flow."""
+        if vehicles_per_hour == 0.0:
+            return None
+        return Demand(classes=self._classes(), flow=vehicles_per_hour * _PER_HOUR)
+
+    def _classes(self) -> tuple[VehicleClass, ...]:
+        if self.classes is None:
+            return POPULATIONS[self.population]
+        return tuple(kind.vehicle_class() for kind in self.classes)

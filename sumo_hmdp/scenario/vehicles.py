@@ -1,23 +1,18 @@
 """The vehicles of a scenario as the simulation and the planner take them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
 from sumo_hmdp.planning.planner import Belief
-from sumo_hmdp.scenario.schema import ConstantSpeedFile, EgoFile, IdmFile, ModeScheduleFile, ScenarioFile, VehicleFile
-from sumo_hmdp.scenario.traffic import TrafficFile
+from sumo_hmdp.scenario.schema import ConstantSpeedFile, IdmFile, ModeScheduleFile, ScenarioFile, VehicleFile
 from sumo_hmdp.sim.episode import Driver
-from sumo_hmdp.sim.libsumo_world import warm_up
 from sumo_hmdp.sim.measurement import Measurement, measurement_noise
-from sumo_hmdp.sim.world_checks import WorldSettings, spawn_state
-from sumo_hmdp.traffic.demand import Demand, arrivals, initial_population, to_spawn
+from sumo_hmdp.sim.world_checks import spawn_state
 from sumo_hmdp.traffic.matched import MatchedModel, MatchedPath, draw_path
 from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSchedule
 from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
@@ -72,71 +67,6 @@ def spawn_of(vehicle: VehicleFile) -> Spawn:
             idm=IdmParameters(idm.min_gap_m, idm.time_gap_s, idm.accel_mps2, idm.decel_mps2, idm.exponent),
         )
     return Spawn(**common, driver=DriverKind.SCRIPTED)
-
-
-def background(traffic: TrafficFile, world: WorldSettings, duration: float) -> tuple[Spawn, ...]:
-    """Return the background as it is when the run begins, and who enters later.
-
-    It hangs on the `traffic` section, the network, the step and the seed alone, so that all planners meet the same.
-
-    Args:
-        traffic: the section.
-        world: with the background's settings; who drives the ego plays no part.
-        duration: of the run [s].
-    """
-    lanes = traffic.lanes or list(range(1, world.road.lane_count + 1))
-    return _warm(
-        replace(world, ego_driver=None),
-        traffic.demand(),
-        tuple(lanes),
-        (traffic.stretch_m[0], traffic.stretch_m[1]),
-        traffic.warm_up_s,
-        traffic.warm_up_s + duration if traffic.inflow else 0.0,
-    )
-
-
-# Runs of one seed follow each other in a study, and only differ in who drives the ego.
-@lru_cache(maxsize=4)
-def _warm(
-    world: WorldSettings,
-    demand: Demand,
-    lanes: tuple[int, ...],
-    stretch: tuple[float, float],
-    warm_up_time: float,
-    inflow_time: float,
-) -> tuple[Spawn, ...]:
-    present = initial_population(demand, lanes, *stretch, world.seed)
-    later = arrivals(demand, lanes, stretch[0], inflow_time, world.seed)
-    spawns = [
-        replace(to_spawn(vehicle), driver=DriverKind.BACKGROUND, politeness=vehicle.traits.politeness)
-        for vehicle in (*present, *later)
-    ]
-    return warm_up(world, spawns, warm_up_time)
-
-
-def ego_start(ego: EgoFile, crowd: Sequence[Spawn]) -> tuple[Spawn, tuple[Spawn, ...]]:
-    """Return where the ego starts, as a spawn, and the background without the vehicle whose place it takes.
-
-    Args:
-        ego: the section.
-        crowd: the background.
-
-    Raises:
-        InputError: the place hangs on traffic that is not there, or the speed is missing.
-    """
-    if not ego.in_traffic:
-        if ego.speed_mps is None:
-            raise InputError([Problem("ego.speed_mps", "is missing; add it, or set ego.in_traffic")])
-        return Spawn("ego-start", ego.lane, ego.x_m, ego.speed_mps), tuple(crowd)
-    if ego.speed_mps is not None:
-        message = f"must be left out with ego.in_traffic, got {ego.speed_mps:g} m/s; the ego takes a vehicle's speed"
-        raise InputError([Problem("ego.speed_mps", message)])
-    there = [spawn for spawn in crowd if spawn.lane == ego.lane and spawn.time == 0.0]
-    if not there:
-        message = f"must be in a lane with background traffic, got lane {ego.lane}; change ego.lane or the traffic"
-        raise InputError([Problem("ego.in_traffic", message)])
-    replaced = min(there, key=lambda spawn: (abs(spawn.x - ego.x_m), spawn.id))
-    return replaced, tuple(spawn for spawn in crowd if spawn is not replaced)
 
 
 def matched_paths(

@@ -277,7 +277,8 @@ class Background:
 
     def on_road(self) -> IntArray:
         """Return the rows of those who drive along the road, in a lane of it; others are on ramps or cross it."""
-        rows = self.active
+        # Who comes by a ramp is nowhere before it has been read once.
+        rows = self.active[np.isfinite(self._x[self.active])]
         x, y = self._x[rows], self._y[rows]
         lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
         inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)

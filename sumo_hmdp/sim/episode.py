@@ -14,6 +14,7 @@ from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
+from sumo_hmdp.sim.signals import Breaches
 from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
@@ -52,6 +53,7 @@ class EpisodeSettings:
         motion: how the ego carries out its commands, or that SUMO drives it.
         paths: of the vehicles drawn from the model, by id.
         measurement: how the planner measures the others.
+        goal_x: where the run ends before its time [m], None for nowhere.
     """
 
     road: Road
@@ -64,6 +66,7 @@ class EpisodeSettings:
     motion: MotionKind = MotionKind.BICYCLE
     paths: Mapping[str, MatchedPath] = field(default_factory=dict)
     measurement: Measurement = field(default_factory=Measurement)
+    goal_x: float | None = None
 
     @property
     def steps(self) -> int:
@@ -82,6 +85,9 @@ class Moment:
         contacts: of the ego at this instant.
         sumo_contacts: what SUMO reported of the ego since the instant before.
         tracking: how the tracking QP of the step went, None at the last instant and for a motion without one.
+        breaches: rules that the ego broke in the step before.
+        background_contacts: pairs of background vehicles that have overlapped so far.
+        goal_reached: whether the ego is where the run shall end; None where it ends with time alone.
     """
 
     step: int
@@ -90,6 +96,9 @@ class Moment:
     contacts: tuple[Contact, ...]
     sumo_contacts: tuple[tuple[str, str], ...]
     tracking: TrackingInfo | None
+    breaches: Breaches = field(default_factory=Breaches)
+    background_contacts: int = 0
+    goal_reached: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +138,7 @@ class TraceHash:
 def run_episode(
     settings: EpisodeSettings, world: LibsumoWorld, planner: Planner[Any], observe: Callable[[Moment], None]
 ) -> None:
-    """Run one episode to its end or to the ego's first contact.
+    """Run one episode to its end, to the ego's goal or to its first contact.
 
     Args:
         settings: the run.
@@ -143,10 +152,22 @@ def run_episode(
     every = round(planner.period / settings.dt)
     for step in range(settings.steps + 1):
         scene = observe_scene(settings, motion, world, carry, step)
-        touching = contacts(scene.ego, scene.others)
+        touching = contacts(scene.ego, (*scene.others, *world.crossing()))
+        arrived = None if settings.goal_x is None else scene.ego.x >= settings.goal_x
+        moment = Moment(
+            step=step,
+            scene=scene,
+            decision=None,
+            contacts=touching,
+            sumo_contacts=sumo_contacts,
+            tracking=None,
+            breaches=world.breaches(),
+            background_contacts=len(world.background_contacts()),
+            goal_reached=arrived,
+        )
         decision = None
-        if step == settings.steps or touching:
-            observe(Moment(step, scene, None, touching, sumo_contacts, None))
+        if step == settings.steps or touching or arrived:
+            observe(moment)
             return
         if step % every == 0:
             decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
@@ -154,7 +175,7 @@ def run_episode(
         # The record is of what was seen; the others react to what was decided.
         decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
         carry, speeds, tracking = drive(settings, motion, carry, decided)
-        observe(Moment(step, scene, decision, touching, sumo_contacts, tracking))
+        observe(replace(moment, decision=decision, tracking=tracking))
         poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
         world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
         carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
@@ -194,7 +215,8 @@ def observe_scene(
             drawn = settings.paths[other.id].at(time)
             other = replace(other, mode=drawn.mode, lane=drawn.lane, accel=drawn.accel)  # noqa: PLW2901
         others.append(other)
-    return Scene(time, settings.road, ego_state(settings, motion, carry), tuple(others))
+    ego = ego_state(settings, motion, carry)
+    return Scene(time, settings.road, ego, tuple(others), world.stop_lines(others))
 
 
 def drawn_poses(settings: EpisodeSettings, scene: Scene, time: float) -> list[VehicleState]:

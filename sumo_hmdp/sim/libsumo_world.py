@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import NoReturn, Self
 
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import EGO_ID, VehicleState
+from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import world_checks as checks
@@ -24,6 +24,7 @@ from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
 from sumo_hmdp.sim.network import Network, read_network
 from sumo_hmdp.sim.routes import Routes
+from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
 from sumo_hmdp.sim.sumo_input import EGO_CLASS, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
@@ -36,6 +37,8 @@ _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
 # Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
 # moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
 _SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 31}
+# Nobody who crosses the road farther away can touch the ego in a step [m].
+_CROSSING_SIGHT = 50.0
 _OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 
@@ -69,6 +72,8 @@ class LibsumoWorld:
         self._spawns = {spawn.id: spawn for spawn in listed}
         self._waiting = sorted(listed, key=lambda spawn: (checks.entry_step(spawn, settings.dt), spawn.id))
         self._background: Background | None = None
+        self._routes = Routes(self._network)
+        self._breaches = Breaches()
         self._ghosts: dict[str, int] = {}
         self._on_road: tuple[VehicleState, ...] = ()
         self._colliding: frozenset[tuple[str, str]] = frozenset()
@@ -160,13 +165,49 @@ class LibsumoWorld:
         self._insert_due(ego or self._ego)
         if self._background is not None:
             self._background.change_lanes(self.step, (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road))
+        lights = _lights(self._network)
         _simulate(self.time)
         for vehicle in moved:
             if vehicle.id in self._ghosts and second_lane(vehicle, self.settings.road) is None:
                 self._drop_ghost(vehicle.id)
-        self._ego = self._checked_ego(ego)
+        before, self._ego = self._ego, self._checked_ego(ego)
+        if lights:
+            lane = image_lane(self._ego.y, self.settings.road)
+            self._breaches = breaches(self._routes, lights, before, self._ego, lane)
         self._note_contacts()
         self._on_road = self._read()
+
+    def crossing(self) -> tuple[VehicleState, ...]:
+        """Return background vehicles near the ego that do not drive along the road: on ramps, or across a junction.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        if self._background is None or not self._routes.needed:
+            return ()
+        return tuple(sorted(self._background.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
+
+    def stop_lines(self, others: Iterable[VehicleState]) -> tuple[StopLine, ...]:
+        """Return the stop lines that are closed to the ego now.
+
+        Args:
+            others: who drives along the road, as from `observe`.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        return closed_lines(self._routes, _lights(self._network), self._ego, others) if self._routes.needed else ()
+
+    def breaches(self) -> Breaches:
+        """Return the rules that the ego broke in the last step.
+
+        Raises:
+            SimulationError: the world is not open.
+        """
+        self._require_open()
+        return self._breaches
 
     def background_contacts(self) -> tuple[tuple[str, str], ...]:
         """Return the pairs of background vehicles that have overlapped so far, sorted.
@@ -353,6 +394,11 @@ def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others
             _close()
 
 
+def _lights(network: Network) -> dict[str, str]:
+    """Return the state of every traffic light on the road by its name."""
+    return {signal.name: libsumo.trafficlight.getRedYellowGreenState(signal.name) for signal in network.signals}
+
+
 def _simulate(time: float) -> None:
     try:
         libsumo.simulationStep()
@@ -365,7 +411,7 @@ def _insert(network: Network, vehicle: VehicleState | Spawn, name: str, lane: in
     routes = Routes(network)
     way_out = vehicle.exit if isinstance(vehicle, Spawn) else None
     if isinstance(vehicle, Spawn) and vehicle.entry is not None:
-        route, edges = f"{_ROUTE}-{vehicle.entry}", routes.entry_edges(vehicle.entry)
+        route, edges = f"{vehicle.entry}-{way_out}", routes.entry_edges(vehicle.entry, way_out)
         lane_index, position = 0, "base"
     else:
         place = network.place(vehicle.x, lane)

@@ -63,9 +63,11 @@ class Routes:
         route = self.network.route if exit_name is None else self.exits[exit_name].route
         return route[number:]
 
-    def entry_edges(self, entry: str) -> tuple[str, ...]:
-        """Return the edges from a way onto the road to the road's end."""
-        return self.entries[entry].route
+    def entry_edges(self, entry: str, exit_name: str | None) -> tuple[str, ...]:
+        """Return the edges from a way onto the road to an exit, or to the end of the road."""
+        main = self.network.route
+        own = [edge for edge in self.entries[entry].route if edge not in main]
+        return (*own, *self.edges(main.index(self.entries[entry].route[len(own)]), exit_name))
 
     def turn_of(self, x_stop: float, lane: int) -> str | None:
         """Return the exit that a lane serves where the road ends for it at x_stop [m], None where there is none."""

@@ -72,6 +72,8 @@ def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) ->
         width=repr(float(width)),
         minGap="0",
         speedDev="0",
+        # Drivers differ in the speed they want; it may be above a road's limit.
+        speedFactor="10",
         maxSpeed=repr(_UNLIMITED),
         # Without it SUMO brakes whoever drives in a lane to the right of a slower vehicle.
         lcOvertakeRight="1",

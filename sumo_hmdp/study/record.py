@@ -32,8 +32,9 @@ RUN_COLUMNS = {
     "decision_count": "int64", "optimal_share": "float64", "relaxed_share": "float64", "fallback_share": "float64",
     "violation_max_m": "float64", "solve_time_median_ms": "float64", "solve_time_max_ms": "float64",
     "contact_count": "int64", "contact_at_fault_count": "int64", "sumo_contact_count": "int64",
-    "tracking_failure_count": "int64", "deadline_miss_count": "int64", "reproducible": "boolean",
-    "wall_time_s": "float64", "trace_hash": "str",
+    "background_contact_count": "int64", "red_light_count": "int64", "junction_stop_count": "int64",
+    "goal_reached": "boolean", "tracking_failure_count": "int64", "deadline_miss_count": "int64",
+    "reproducible": "boolean", "wall_time_s": "float64", "trace_hash": "str",
 }  # fmt: skip
 
 
@@ -67,6 +68,10 @@ class Recorder:
         contacts: descriptions of the ego's contacts.
         sumo_contacts: how many instants SUMO's own list named the ego.
         qp_failures: how many tracking QPs did not converge.
+        background_contacts: pairs of background vehicles that overlapped.
+        red_lights: how often the ego passed a stop line at red.
+        junction_stops: instants at which the ego stood inside a junction.
+        goal_reached: whether the ego got where the run shall end; None where it ends with time alone.
         trace: the hash of all instants.
     """
 
@@ -79,6 +84,10 @@ class Recorder:
     contacts_at_fault: int = 0
     sumo_contacts: int = 0
     qp_failures: int = 0
+    background_contacts: int = 0
+    red_lights: int = 0
+    junction_stops: int = 0
+    goal_reached: bool | None = None
     trace: TraceHash = field(default_factory=TraceHash)
 
     def observe(self, moment: Moment) -> None:
@@ -96,6 +105,10 @@ class Recorder:
             self.contacts.append(f"contact with {contact.other_id} at {scene.time:.2f} s, {fault}")
             self.contacts_at_fault += contact.at_fault
         self.sumo_contacts += bool(moment.sumo_contacts)
+        self.background_contacts = moment.background_contacts
+        self.red_lights += moment.breaches.red_light
+        self.junction_stops += moment.breaches.junction_stop
+        self.goal_reached = moment.goal_reached
         if moment.tracking is not None:
             self.qp_failures += not moment.tracking.solved
 

@@ -1,0 +1,157 @@
+"""The background of a run: drawn, sent on its routes, warmed up, and the place in it that the ego takes."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.scenario.schema import EgoFile
+from sumo_hmdp.scenario.traffic import TrafficFile
+from sumo_hmdp.sim.libsumo_world import warm_up
+from sumo_hmdp.sim.network import Ramp, SideEntry, read_network
+from sumo_hmdp.sim.routes import Routes
+from sumo_hmdp.sim.world_checks import WorldSettings
+from sumo_hmdp.traffic.demand import Demand, arrivals, initial_population, to_spawn
+from sumo_hmdp.traffic.spawn import DriverKind, Spawn
+from sumo_hmdp.traffic.streams import stream
+
+# Vehicles come onto a ramp or side street no faster than this [m/s].
+_ENTRY_SPEED = 12.0
+# An exit nearer ahead than this is not drawn: nobody could change lanes for it in time [m].
+_EXIT_SIGHT = 200.0
+# Entries have numbers of their own among the streams of the lanes.
+_ENTRY_STREAM = 100
+
+
+@dataclass(frozen=True)
+class Flows:
+    """Who comes and goes besides the ends of the road.
+
+    Attributes:
+        ramp: demand of each on-ramp, None for none.
+        side: demand of each side street, None for none.
+        exit_share: of all vehicles.
+    """
+
+    ramp: Demand | None
+    side: Demand | None
+    exit_share: float
+
+
+def background(traffic: TrafficFile, world: WorldSettings, duration: float) -> tuple[Spawn, ...]:
+    """Return the background as it is when the run begins, and who enters later.
+
+    It hangs on the `traffic` section, the network, the step and the seed alone, so that all planners meet the same.
+
+    Args:
+        traffic: the section.
+        world: with the background's settings; who drives the ego plays no part.
+        duration: of the run [s].
+
+    Raises:
+        InputError: ramps, side streets or exits that the network does not have.
+    """
+    lanes = traffic.lanes or list(range(1, world.road.lane_count + 1))
+    return _warm(
+        replace(world, ego_driver=None),
+        traffic.demand(),
+        Flows(traffic.flow(traffic.ramp_flow_vph), traffic.flow(traffic.side_flow_vph), traffic.exit_share),
+        tuple(lanes),
+        (traffic.stretch_m[0], traffic.stretch_m[1]),
+        traffic.warm_up_s,
+        traffic.warm_up_s + duration if traffic.inflow else 0.0,
+    )
+
+
+# Runs of one seed follow each other in a study, and only differ in who drives the ego.
+@lru_cache(maxsize=4)
+def _warm(
+    world: WorldSettings,
+    demand: Demand,
+    flows: Flows,
+    lanes: tuple[int, ...],
+    stretch: tuple[float, float],
+    warm_up_time: float,
+    inflow_time: float,
+) -> tuple[Spawn, ...]:
+    routes = Routes(read_network(world.net_file, world.road))
+    _require_ways(routes, flows)
+    present = initial_population(demand, lanes, *stretch, world.seed)
+    later = arrivals(demand, lanes, stretch[0], inflow_time, world.seed)
+    spawns = [
+        replace(to_spawn(vehicle), driver=DriverKind.BACKGROUND, politeness=vehicle.traits.politeness)
+        for vehicle in (*present, *later)
+    ]
+    spawns += _entering(routes, flows, inflow_time, world.seed)
+    return warm_up(world, tuple(_with_exits(routes, flows.exit_share, spawns, world.seed)), warm_up_time)
+
+
+def _require_ways(routes: Routes, flows: Flows) -> None:
+    """Refuse flows for which the network has no way."""
+    network = routes.network
+    wanted = (
+        ("ramp_flow_vph", flows.ramp is not None, network.on_ramps, "an on-ramp"),
+        ("side_flow_vph", flows.side is not None, network.side_entries, "a side street"),
+        ("exit_share", flows.exit_share > 0.0, routes.exits, "an off-ramp or a turn"),
+    )
+    problems = [
+        Problem(f"traffic.{key}", f"must go with a network that has {what}; leave it out or change the network")
+        for key, asked, ways, what in wanted
+        if asked and not ways
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _entering(routes: Routes, flows: Flows, duration: float, seed: int) -> Iterator[Spawn]:
+    """Yield who comes by ramps and side streets."""
+    for number, entry in enumerate(routes.entries.values()):
+        demand = flows.ramp if isinstance(entry, Ramp) else flows.side
+        if demand is None:
+            continue
+        key = _ENTRY_STREAM + number
+        for vehicle in arrivals(demand, [key], 0.0, duration, seed):
+            yield replace(
+                to_spawn(vehicle),
+                id=vehicle.id.replace(f"bg-{key}-in", f"bg-{entry.name}"),
+                lane=entry.lanes[0] if isinstance(entry, SideEntry) else entry.lane,
+                speed=min(vehicle.speed, _ENTRY_SPEED),
+                driver=DriverKind.BACKGROUND,
+                politeness=vehicle.traits.politeness,
+                entry=entry.name,
+            )
+
+
+def _with_exits(routes: Routes, share: float, spawns: Iterable[Spawn], seed: int) -> Iterator[Spawn]:
+    """Draw who leaves the road before its end and where; each vehicle has a stream of its own for it."""
+    for spawn in spawns:
+        entry = None if spawn.entry is None else routes.entries[spawn.entry]
+        x = spawn.x if entry is None else entry.x_begin if isinstance(entry, Ramp) else entry.x
+        ahead = [way.name for way in routes.exits.values() if way.x > x + _EXIT_SIGHT]
+        leaves, which = stream(seed, "exit", spawn.id).random(2).tolist()
+        yield replace(spawn, exit=ahead[int(which * len(ahead))]) if ahead and leaves < share else spawn
+
+
+def ego_start(ego: EgoFile, crowd: Sequence[Spawn]) -> tuple[Spawn, tuple[Spawn, ...]]:
+    """Return where the ego starts, as a spawn, and the background without the vehicle whose place it takes.
+
+    Args:
+        ego: the section.
+        crowd: the background.
+
+    Raises:
+        InputError: the place hangs on traffic that is not there, or the speed is missing.
+    """
+    if not ego.in_traffic:
+        if ego.speed_mps is None:
+            raise InputError([Problem("ego.speed_mps", "is missing; add it, or set ego.in_traffic")])
+        return Spawn("ego-start", ego.lane, ego.x_m, ego.speed_mps), tuple(crowd)
+    if ego.speed_mps is not None:
+        message = f"must be left out with ego.in_traffic, got {ego.speed_mps:g} m/s; the ego takes a vehicle's speed"
+        raise InputError([Problem("ego.speed_mps", message)])
+    there = [spawn for spawn in crowd if spawn.lane == ego.lane and spawn.time == 0.0]
+    if not there:
+        message = f"must be in a lane with background traffic, got lane {ego.lane}; change ego.lane or the traffic"
+        raise InputError([Problem("ego.in_traffic", message)])
+    replaced = min(there, key=lambda spawn: (abs(spawn.x - ego.x_m), spawn.id))
+    return replaced, tuple(spawn for spawn in crowd if spawn is not replaced)

@@ -1,0 +1,107 @@
+"""Which stop lines are closed to the ego: red, amber it can stop for, an exit that is blocked, a lane that ends."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_hmdp.domain.scene import StopLine, VehicleState
+from sumo_hmdp.sim.network import Signal
+from sumo_hmdp.sim.routes import Routes
+
+# Who has to brake harder than this after a second of reaction may pass at amber: 10 ft/s2 and 1 s are the values from
+# which traffic engineers time it (Institute of Transportation Engineers).
+_AMBER_DECEL, _AMBER_REACTION = 3.05, 1.0
+# The front bumper stops so far before the line, as SUMO's own vehicles do [m].
+_BEFORE_LINE = 1.0
+# A vehicle slower than this may come to rest where it is [m/s].
+_CRAWLS = 5.0
+# Between the rear bumper of the ego and the junction, and its front bumper and the vehicle ahead of it, at rest [m].
+_ROOM = 2.0
+# Lines farther ahead are nobody's concern yet [m].
+_SIGHT = 250.0
+
+
+@dataclass(frozen=True)
+class Breaches:
+    """Rules that the ego broke in one step.
+
+    Attributes:
+        red_light: it passed a stop line at red.
+        junction_stop: it stands inside a junction.
+    """
+
+    red_light: bool = False
+    junction_stop: bool = False
+
+
+def closed_lines(
+    routes: Routes, lights: Mapping[str, str], ego: VehicleState, others: Iterable[VehicleState]
+) -> tuple[StopLine, ...]:
+    """Return the lines that are closed to the ego now.
+
+    A line at amber is closed where the ego can stop before it as traffic engineers assume, so that who has once been
+    let through stays so. Lanes that do not lead along the road are closed where they end.
+
+    Args:
+        routes: of the network.
+        lights: the state of every traffic light by its name, SUMO's letter for each link.
+        ego: now.
+        others: who drives along the road.
+    """
+    signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
+    closed: dict[float, set[int]] = {}
+    for index, end in enumerate(routes.lane_ends(None, np.array([ego.x]))[0].tolist()):
+        if ego.x < end <= ego.x + _SIGHT:
+            closed.setdefault(end, set()).add(index + 1)
+    if signal is not None and signal.x_stop <= ego.x + _SIGHT:
+        ahead = list(others)
+        for lane, link in enumerate(signal.straight, 1):
+            if link is not None and (
+                _light_closes(lights[signal.name][link], ego, signal.x_stop) or _blocked(signal, lane, ego, ahead)
+            ):
+                closed.setdefault(signal.x_stop, set()).add(lane)
+    return tuple(StopLine(frozenset(lanes), x - _BEFORE_LINE) for x, lanes in sorted(closed.items()))
+
+
+def _light_closes(letter: str, ego: VehicleState, x_stop: float) -> bool:
+    if letter in "yY":
+        return _can_stop(ego, x_stop)
+    return letter not in "gG"
+
+
+def _can_stop(ego: VehicleState, x_stop: float) -> bool:
+    needed = ego.speed * _AMBER_REACTION + ego.speed**2 / (2.0 * _AMBER_DECEL)
+    return ego.x + needed <= x_stop - _BEFORE_LINE
+
+
+def _blocked(signal: Signal, lane: int, ego: VehicleState, others: Iterable[VehicleState]) -> bool:
+    """Tell whether the ego might have to stand inside the junction behind somebody slow, and can still stop before."""
+    rear = min(
+        (v.x - v.length for v in others if v.lane == lane and v.x > signal.x_stop and v.speed < _CRAWLS), default=None
+    )
+    if rear is None or rear - _ROOM - ego.length >= signal.x_exit:
+        return False
+    return _can_stop(ego, signal.x_stop)
+
+
+def breaches(
+    routes: Routes, lights: Mapping[str, str], before: VehicleState, after: VehicleState, lane: int
+) -> Breaches:
+    """Return the rules that a step of the ego broke.
+
+    Args:
+        routes: of the network.
+        lights: the state of every traffic light during the step.
+        before: the ego at its beginning.
+        after: the ego at its end.
+        lane: in which its front bumper is.
+    """
+    red, stands = False, False
+    for signal in routes.network.signals:
+        link = signal.straight[lane - 1]
+        if before.x <= signal.x_stop < after.x:
+            red |= link is None or lights[signal.name][link] in "rR"
+        inside = after.x > signal.x_stop and after.x - after.length < signal.x_exit
+        stands |= inside and after.speed < 0.1
+    return Breaches(red, stands)
