@@ -172,6 +172,12 @@ def test_text_and_figure_show_the_line():
     assert any("70.00 m beyond the stop line" in word for lane in words for word in lane)
 
 
+def test_figure_tells_a_line_out_of_view():
+    asked = problem(((1, 2), 120.0))
+    panels = decision_figure(explain(asked, answer(asked, "search"))).axes
+    assert all("stop line at 80.0 m, out of view" in {note.get_text() for note in axes.texts} for axes in panels)
+
+
 def test_no_window_within_reach_of_a_line():
     # At step 2 the ego is at 36 m at least, and a line at 5 m has closed all that.
     asked = problem(((1, 2), 5.0))
