@@ -91,6 +91,12 @@ class _Judge:
         contact = clearances(self.problem, self.answer.branches, self.answer.margin, relaxed=True)
         return carve(self.problem, self.answer.lattice, self.answer.branches, contact)
 
+    @cached_property
+    def open_corridors(self) -> Corridors:
+        """The corridors that keep every distance, and no stop line."""
+        safe = clearances(self.problem, self.answer.branches, self.answer.margin, relaxed=False)
+        return carve(replace(self.problem, stop_lines=()), self.answer.lattice, self.answer.branches, safe)
+
     def action(self, lateral: Lateral, mode: Mode) -> FirstAction:
         """Judge one first action."""
         problem, answer = self.problem, self.answer
@@ -115,7 +121,7 @@ class _Judge:
         violation, worst, reason = 0.0, None, ""
         if action.verdict is Verdict.SHORT:
             violation, worst = violation_of(problem, plan, answer.branches, answer.margin)
-            reason = str(worst)
+            reason = str(worst) + self._blamed_lines(action, worst)
         return replace(
             action,
             reason=reason,
@@ -124,6 +130,16 @@ class _Judge:
             worst=worst,
             plan=answer.plan if action.chosen and answer.plan else plan,
         )
+
+    def _blamed_lines(self, action: FirstAction, worst: Shortfall) -> str:
+        """Name the stop lines where they alone forbid an action, and the best plan falls short of a vehicle instead."""
+        ahead = sorted({line.x for line in self.problem.stop_lines if self.problem.ego.x <= line.x})
+        first = action.lateral, action.mode
+        if not ahead or worst.line is not None:
+            return ""
+        if search_best(self.problem, self.answer.lattice, self.open_corridors, first) is None:
+            return ""
+        return f"; a stop line ({', '.join(f'{x:.2f} m' for x in ahead)}) forbids those that keep every distance"
 
 
 def _objections(problem: DecisionProblem, answer: Answer, lateral: Lateral, mode: Mode) -> Iterator[str]:

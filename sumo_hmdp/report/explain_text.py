@@ -75,7 +75,7 @@ def _actions(explanation: Explanation) -> Iterator[str]:
             f"{start}{action.objective:>10.3f}{more:>10}{action.violation:>11.2f}  {_plan(action.plan)}", " " * 56
         )
         if action.reason:
-            yield f"{'':>56}{action.reason}"
+            yield from _folded(f"{'':>56}{action.reason}", " " * 56)
 
 
 def _more(chosen: FirstAction, action: FirstAction) -> str:

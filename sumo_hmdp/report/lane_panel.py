@@ -165,6 +165,10 @@ def draw_stop_line(axes: Axes, view: View, explanation: Explanation, lane: int) 
     shown = [place for place in places if view.low <= place[1] <= view.high]
     if shown:
         _note(axes, "stop line", shown[0], (2.0, 7.0), color=LINE_COLOR)
+    else:
+        ahead = relative(explanation, view.steps, line.x)
+        place = view.steps * view.period, view.high
+        _note(axes, f"stop line at {ahead:.1f} m, out of view", place, (0.0, -5.0), ha="right", color=LINE_COLOR)
 
 
 def _note(

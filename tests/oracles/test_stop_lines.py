@@ -42,7 +42,7 @@ def test_search_against_the_oracle(brute_force, line_problems, agreement, chunk)
     assert min(seen[rule] for rule in ("target", "swept", "fixed", "time_headway", "rss", "stopping", 2, 3, 4)) >= 1
 
 
-@pytest.mark.parametrize(("horizon", "count"), [(2, 230), (3, 90), (4, 15)])
+@pytest.mark.parametrize(("horizon", "count"), [(2, 250), (3, 45), (4, 6)])
 def test_milp_against_the_oracle(brute_force, line_problems, agreement, horizon, count):
     seen = compare(brute_force, line_problems, agreement, 4000, count, ["milp"], horizon=horizon)
     assert seen["binding optimal"] + seen["binding relaxed"] >= count // 15

@@ -140,17 +140,42 @@ def test_explanation_names_the_line():
     assert [window.high_x for window in found.steps[0].lanes[0].windows[:-1]] == [120.0]
 
 
+def test_explanation_names_the_line_that_leaves_only_shortfalls():
+    # Lane 2 is closed at 30 m; in lane 1 a vehicle is 8 m ahead of a cruising ego, 2 m less than is safe.
+    content = document(((2,), 30.0), speed_weight=0.0)
+    content["vehicles"] = [
+        {"id": "sv", "x_m": 8.0, "y_m": 2.0, "speed_mps": 20.0, "lane": 1, "mode": "cruise"}
+        | {"lateral_probs": {"left": 0, "keep": 1, "right": 0}}
+        | {"longitudinal_probs": {"accelerate": 0, "cruise": 1, "decelerate": 0}}
+    ]
+    asked = parse_problem(content)
+    found = explain(asked, answer(asked, "search"))
+    keep = next(a for a in found.actions if (a.lateral, a.mode) == (Lateral.KEEP, Mode.CRUISE))
+    # Cruise, then brake and change: 39 m against 48 m.
+    assert keep.reason == (
+        "sv at step 2 is 1.00 m too near; a stop line (30.00 m) forbids those that keep every distance"
+    )
+    assert keep.violation == pytest.approx(1.0)
+
+
 def test_text_and_figure_show_the_line():
     asked = problem(((2,), 30.0), occupancy="swept")
     explanation = explain(asked, answer(asked, "search"))
     text = explanation_text(explanation)
     assert "to   the stop line" in text
     assert "inf" not in text
+    assert max(map(len, text.splitlines())) <= 100
     panels = decision_figure(explanation).axes
     words = [{note.get_text() for note in axes.texts} for axes in panels]
     assert "stop line" not in words[0]
     assert "stop line" in words[1]
     assert any("70.00 m beyond the stop line" in word for lane in words for word in lane)
+
+
+def test_figure_tells_a_line_out_of_view():
+    asked = problem(((1, 2), 120.0))
+    panels = decision_figure(explain(asked, answer(asked, "search"))).axes
+    assert all("stop line at 80.0 m, out of view" in {note.get_text() for note in axes.texts} for axes in panels)
 
 
 def test_no_window_within_reach_of_a_line():
