@@ -264,7 +264,7 @@ def summary_table(record: "RunRecord") -> "Table":
     published = (record.manifest["configuration"].get("published") or {}) if own else {}
     for key, label, unit, digits in SUMMARY:
         value = record.row[key]
-        shown = "none" if value is None else f"{value:.{digits}f} {unit}".rstrip()
+        shown = "none" if value in (None, float("inf")) else f"{value:.{digits}f} {unit}".rstrip()
         if value is not None and published.get(key) is not None:
             shown += f" (published {published[key]:.{digits}f}, {value - published[key]:+.{digits}f} {unit})"
         table.add_row(label, shown)

@@ -10,6 +10,7 @@ import pandas as pd
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Decision
 from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.sim.episode import Moment, TraceHash
 
 STEP_COLUMNS = {
@@ -36,6 +37,12 @@ RUN_COLUMNS = {
     "goal_reached": "boolean", "tracking_failure_count": "int64", "deadline_miss_count": "int64",
     "reproducible": "boolean", "wall_time_s": "float64", "trace_hash": "str",
 }  # fmt: skip
+# Every metric is a column; those above keep their places.
+RUN_COLUMNS |= {
+    name: RUN_COLUMNS["decision_count"] if metric.is_count else "float64"
+    for name, metric in METRICS.all.items()
+    if name not in RUN_COLUMNS
+}
 
 
 class Trace(StrEnum):

@@ -124,7 +124,7 @@ def _record(
         "risk_level": run.parameters.get("risk_level"),
         "status": str(status),
         "reason": reason,
-        **run_metrics(steps, decisions),
+        **run_metrics(steps, decisions, run.parameters.get("desired_speed_mps")),
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
         "sumo_contact_count": recorder.sumo_contacts,
@@ -205,4 +205,6 @@ def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool)
         for index, document in enumerate(record.documents):
             if document is not None:
                 write_text(decision_folder(folder, record.run_id) / f"{index:04d}.json", document + "\n")
-    write_table(folder, "runs", record.run_id, pd.DataFrame([record.row]).astype(RUN_COLUMNS))
+    write_table(
+        folder, "runs", record.run_id, pd.DataFrame([record.row], columns=list(RUN_COLUMNS)).astype(RUN_COLUMNS)
+    )

@@ -18,7 +18,9 @@ from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS
 from sumo_hmdp.study.run import execute
 from sumo_hmdp.validation import models_in
 
-UNITS = ("m", "s", "ms", "mps", "mps2", "mps3", "rad", "radps", "m2", "m2ps2", "ps", "ps2")
+UNITS = ("m", "s", "ms", "mps", "mps2", "mps3", "rad", "radps", "m2", "m2ps2", "ps", "ps2", "radps2")
+# Of metrics alone: integrals of seconds over time, and values per kilometre.
+UNITS += ("s2", "spkm", "s2pkm")
 # Numbers without a dimension, whose last word says so.
 WORDS = (
     "share",

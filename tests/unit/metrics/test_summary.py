@@ -1,48 +1,28 @@
 """Gap, time to collision and lane changes against tables worked by hand; None where a number is not defined."""
 
+import math
+
 import pandas as pd
 import pytest
 
-from sumo_hmdp.metrics.summary import gaps_to_ego, run_metrics
+from sumo_hmdp.metrics.catalogue import METRICS
+from sumo_hmdp.metrics.summary import run_metrics
 
+ALL = METRICS.all
 SIZE = {"ego": (4.0, 2.0), "car": (4.5, 1.8), "truck": (10.0, 2.5)}
 
 
 def steps_of(*rows):
     """Build a steps table from (time, vehicle, x, y, speed)."""
     names = ["time_s", "vehicle_id", "x_m", "y_m", "speed_mps", "length_m", "width_m"]
-    return pd.DataFrame([(*row, *SIZE[row[1]]) for row in rows], columns=names)
+    others = {"heading_rad": 0.0, "accel_mps2": 0.0, "lane": 1, "intended_lane": 1}
+    return pd.DataFrame([(*row, *SIZE[row[1]]) for row in rows], columns=names).assign(**others)
 
 
 def decisions_of(*rows):
     """Build a decisions table from (time, status, lateral, violation, solve time)."""
     names = ["time_s", "status", "lateral", "violation_m", "solve_time_ms"]
     return pd.DataFrame(list(rows), columns=names).astype({"violation_m": float, "solve_time_ms": float})
-
-
-def test_the_gap_is_bumper_to_bumper_ahead_and_behind():
-    gaps = gaps_to_ego(
-        steps_of(
-            (0.0, "ego", 100.0, 0.0, 20.0),
-            (0.0, "car", 150.0, 0.0, 15.0),  # rear at 145.5
-            (0.0, "truck", 80.0, 0.0, 30.0),  # front at 80, the ego's rear at 96
-        )
-    ).set_index("vehicle_id")
-    assert gaps["gap_m"].to_dict() == pytest.approx({"car": 45.5, "truck": 16.0})
-    # Positive when approaching: the ego comes up on the car, the truck on the ego.
-    assert gaps["closing_speed_mps"].to_dict() == pytest.approx({"car": 5.0, "truck": 10.0})
-
-
-def test_vehicles_that_overlap_along_the_road_have_a_negative_gap():
-    gaps = gaps_to_ego(steps_of((0.0, "ego", 100.0, 0.0, 20.0), (0.0, "car", 103.0, 1.0, 20.0)))
-    assert gaps["gap_m"].tolist() == pytest.approx([-1.5])
-
-
-@pytest.mark.parametrize(("y", "counted"), [(1.89, True), (-1.89, True), (1.91, False), (4.0, False)])
-def test_only_bodies_that_overlap_across_the_road_have_a_gap(y, counted):
-    # Half widths 1.0 m and 0.9 m.
-    gaps = gaps_to_ego(steps_of((0.0, "ego", 100.0, 0.0, 20.0), (0.0, "car", 150.0, y, 15.0)))
-    assert len(gaps) == counted
 
 
 def test_a_run_by_hand():
@@ -84,19 +64,23 @@ def test_a_vehicle_that_is_touched_while_closing_has_no_time_left():
 
 
 @pytest.mark.parametrize("speed", [20.0, 25.0])
-def test_without_closing_there_is_no_time_to_collision(speed):
+def test_without_closing_a_collision_is_infinitely_far(speed):
     row = run_metrics(
         steps_of((0.0, "ego", 100.0, 0.0, 20.0), (0.0, "car", 150.0, 0.0, speed)),
         decisions_of((0.0, "optimal", "keep", 0.0, 1.0)),
     )
-    assert row["ttc_min_s"] is None
+    assert row["ttc_min_s"] == math.inf
     assert row["gap_min_m"] == 45.5
 
 
 def test_alone_on_the_road_nothing_of_others_is_defined():
     row = run_metrics(steps_of((0.0, "ego", 1.0, 0.0, 5.0)), decisions_of((0.0, "fallback", "keep", None, 1.0)))
     undefined = {name for name, value in row.items() if value is None}
-    assert undefined == {"gap_min_m", "ttc_min_s", "lane_change_first_s", "violation_max_m"}
+    of_others = {name for name in ALL if name.startswith(("gap", "time_gap", "ttc", "mttc", "drac", "pet", "braking"))}
+    of_two_instants = {name for name in ALL if name.startswith(("jerk", "yaw", "lateral_accel"))}
+    alone = {"lane_change_first_s", "violation_max_m", "time_loss_s", "tet_spkm", "tit_s2pkm"}
+    assert len(of_others) == 9
+    assert undefined == of_others | of_two_instants | alone
     assert row["distance_m"] == 0.0
 
 
@@ -104,6 +88,8 @@ def test_a_run_that_broke_before_its_first_instant_has_counts_only():
     row = run_metrics(steps_of(), decisions_of())
     assert {name: value for name, value in row.items() if value is not None} == {
         "lane_change_count": 0,
+        "lane_change_abort_count": 0,
+        "near_miss_count": 0,
         "decision_count": 0,
     }
 

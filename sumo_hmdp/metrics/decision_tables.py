@@ -1,0 +1,91 @@
+"""What decisions planned and predicted, one row a step, beside what then happened."""
+
+import json
+
+import numpy as np
+import pandas as pd
+
+PLAN_COLUMNS = {
+    "run_id": "str",
+    "decision_index": "int64",
+    "time_s": "float64",
+    "status": "str",
+    "horizon_step": "int64",
+    "plan_lane": "int64",
+    "plan_x_m": "float64",
+}
+BRANCH_COLUMNS = {
+    "run_id": "str",
+    "decision_index": "int64",
+    "time_s": "float64",
+    "vehicle_id": "str",
+    "branch_index": "int64",
+    "probability": "float64",
+    "horizon_step": "int64",
+    "branch_lane": "int64",
+    "branch_mode": "str",
+    "branch_x_m": "float64",
+    "branch_y_m": "float64",
+    "x_std_m": "float64",
+    "y_std_m": "float64",
+}
+
+
+def instant(time: pd.Series) -> pd.Series:
+    """Return times [s] in whole microseconds: sums of steps that differ in rounding only become equal."""
+    return (time * 1e6).round().astype("int64")
+
+
+def plan_table(decisions: pd.DataFrame) -> pd.DataFrame:
+    """Return the plans of a `decisions` table, one row per planned step (`PLAN_COLUMNS`)."""
+    rows = [
+        (row.run_id, row.decision_index, row.time_s, row.status, step["step"], step["lane"], step["x_m"])
+        for row in decisions.itertuples()
+        for step in json.loads(str(row.plan_json))
+    ]
+    return pd.DataFrame(rows, columns=list(PLAN_COLUMNS)).astype(PLAN_COLUMNS)
+
+
+def branch_table(decisions: pd.DataFrame) -> pd.DataFrame:
+    """Return the predictions that a `decisions` table shows, one row per branch and step (`BRANCH_COLUMNS`)."""
+    rows = [
+        (
+            row.run_id,
+            row.decision_index,
+            row.time_s,
+            branch["vehicle_id"],
+            index,
+            branch["probability"],
+            k + 1,
+            *(branch[name][k] for name in ("lanes", "modes", "x_m", "y_m", "x_std_m", "y_std_m")),
+        )
+        for row in decisions.itertuples()
+        for index, branch in enumerate(json.loads(str(row.branches_json)))
+        for k in range(len(branch["lanes"]))
+    ]
+    return pd.DataFrame(rows, columns=list(BRANCH_COLUMNS)).astype(BRANCH_COLUMNS)
+
+
+def realised_branches(decisions: pd.DataFrame, steps: pd.DataFrame, period: float) -> pd.DataFrame:
+    """Return the predictions beside what their vehicles then did; rows of instants without a record are left out.
+
+    Args:
+        decisions: the `decisions` table of one run.
+        steps: its `steps` table with all vehicles.
+        period: of a planned step [s].
+
+    Returns:
+        `branch_table` with `x_m`, `y_m`, `intended_lane` and `mode` as they were; `same`, whether the vehicle has
+        intended the branch's lanes and modes at all steps so far.
+    """
+    branches = branch_table(decisions)
+    branches["instant"] = instant(branches["time_s"] + branches["horizon_step"] * period)
+    seen = steps[["vehicle_id", "x_m", "y_m", "intended_lane", "mode"]].assign(instant=instant(steps["time_s"]))
+    both = branches.merge(seen, on=["vehicle_id", "instant"])
+    both = both.sort_values(["decision_index", "branch_index", "horizon_step"], ignore_index=True)
+    now = (both["branch_lane"] == both["intended_lane"]) & (both["branch_mode"] == both["mode"])
+    both["same"] = now.groupby([both["decision_index"], both["branch_index"]]).cummin().astype(bool)
+    # A vehicle that is lost for an instant has no known sequence from there on.
+    place = both.groupby(["decision_index", "branch_index"]).cumcount() + 1
+    both["same"] &= np.asarray(place == both["horizon_step"])
+    return both

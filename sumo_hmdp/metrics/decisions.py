@@ -1,0 +1,103 @@
+"""What the decisions of a run were like."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from sumo_hmdp.metrics.registry import Better, Metric, RunData
+
+NAN = float("nan")
+
+
+def lane_changes(decisions: pd.DataFrame) -> pd.DataFrame:
+    """Return the decisions to change the lane."""
+    return decisions[decisions["lateral"] != "keep"]
+
+
+def status_share(status: str) -> Callable[[RunData], float]:
+    """Return a function that computes the share of a status; a rule's decisions are neither optimal nor a departure."""
+
+    def share(run: RunData) -> float:
+        statuses = run.decisions["status"][run.decisions["status"] != "rule"]
+        return float((statuses == status).mean()) if len(statuses) else NAN
+
+    return share
+
+
+def _first_change(run: RunData) -> float:
+    changes = lane_changes(run.decisions)
+    return float(changes["time_s"].iloc[0]) if len(changes) else NAN
+
+
+def _solve_time(quantile: float) -> Callable[[RunData], float]:
+    def compute(run: RunData) -> float:
+        known = run.decisions["solve_time_ms"].dropna().to_numpy(dtype=np.float64)
+        return float(np.quantile(known, quantile)) if len(known) else NAN
+
+    return compute
+
+
+def _metric(
+    name: str, label: str, unit: str, better: Better, definition: str, defined: str, compute: Callable[[RunData], float]
+) -> Metric:
+    return Metric(name, label, unit, better, definition, defined, compute=compute, of_decisions=True)
+
+
+_TIMED = "a decision's time is known"
+_PLANNED = "a decision is not a rule's"
+
+DECISIONS = (
+    _metric(
+        "lane_change_count", "lane changes", "", Better.NEITHER, "decisions to change the lane, aborts included",
+        "always", lambda run: float(len(lane_changes(run.decisions))),
+    ),
+    _metric(
+        "lane_change_first_s", "time of the first lane change", "s", Better.NEITHER,
+        "time of the first decision to change the lane", "there is one", _first_change,
+    ),
+    _metric(
+        "decision_count", "decisions", "", Better.NEITHER, "decisions of the run", "always",
+        lambda run: float(len(run.decisions)),
+    ),
+    _metric(
+        "optimal_share", "share of optimal decisions", "1", Better.HIGHER,
+        "share of decisions with the best plan that keeps every distance", _PLANNED, status_share("optimal"),
+    ),
+    _metric(
+        "relaxed_share", "share of relaxed decisions", "1", Better.LOWER,
+        "share of decisions with a plan of least violation", _PLANNED, status_share("relaxed"),
+    ),
+    _metric(
+        "fallback_share", "share of fallbacks", "1", Better.LOWER, "share of decisions to brake in the lane", _PLANNED,
+        status_share("fallback"),
+    ),
+    _metric(
+        "violation_max_m", "largest violation planned", "m", Better.LOWER,
+        "largest total violation of the distances by a plan", "there is a plan",
+        lambda run: float(run.decisions["violation_m"].max()) if run.decisions["violation_m"].notna().any() else NAN,
+    ),
+    _metric(
+        "solve_time_median_ms", "median decision time", "ms", Better.LOWER, "median time of predict, carve and solve",
+        _TIMED, _solve_time(0.5),
+    ),
+    _metric(
+        "solve_time_p99_ms", "99 % quantile of the decision time", "ms", Better.LOWER,
+        "99 % quantile, between order statistics linearly", _TIMED, _solve_time(0.99),
+    ),
+    _metric(
+        "solve_time_max_ms", "longest decision time", "ms", Better.LOWER, "longest time of predict, carve and solve",
+        _TIMED, _solve_time(1.0),
+    ),
+    # Counted while the run is recorded.
+    *(
+        Metric(name, label, "", Better.LOWER, definition)
+        for name, label, definition in (
+            ("contact_count", "contacts", "vehicles whose body overlaps the ego's at the run's end"),
+            ("contact_at_fault_count", "contacts at fault", "by the ego's front, or its side in a lane change"),
+            ("sumo_contact_count", "contacts by SUMO", "instants at which SUMO's own list names the ego"),
+            ("tracking_failure_count", "tracking failures", "steps whose tracking problem was not solved"),
+            ("deadline_miss_count", "deadline misses", "decisions that took longer than the period"),
+        )
+    ),
+)  # fmt: skip

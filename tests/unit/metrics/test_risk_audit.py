@@ -1,0 +1,315 @@
+"""Realised against asked risk on tables made by hand: what counts, what does not, and the verdict."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.blame import Blame, blame_violations, prediction_hits
+from sumo_hmdp.metrics.proportion import Rate, rate
+from sumo_hmdp.metrics.risk_audit import (
+    AuditSettings,
+    Claim,
+    Verdict,
+    audit_results,
+    audit_run,
+    audit_settings,
+    judge,
+    violation_rates,
+)
+
+SETTINGS = AuditSettings(period=0.6, safe_distance=20.0)
+
+
+def decision(index, time, plan, status="optimal", branches=(), run="r", branch_count=None):
+    """Build one decision: plan is a list of (lane, x), branches of (vehicle, lanes, modes, x, x_std)."""
+    return {
+        "run_id": run,
+        "decision_index": index,
+        "time_s": time,
+        "status": status,
+        "branch_count": len(branches) if branch_count is None else branch_count,
+        "plan_json": json.dumps([{"step": k, "lane": lane, "x_m": x} for k, (lane, x) in enumerate(plan, start=1)]),
+        "branches_json": json.dumps(
+            [
+                {
+                    "vehicle_id": vehicle,
+                    "probability": 1 / len(branches),
+                    "lanes": lanes,
+                    "modes": modes,
+                    "x_m": x,
+                    "y_m": [0.0] * len(x),
+                    "x_std_m": std,
+                    "y_std_m": [0.1] * len(x),
+                }
+                for vehicle, lanes, modes, x, std in branches
+            ]
+        ),
+    }
+
+
+def trace(*rows, run="r"):
+    """Build a steps table of (time, vehicle, x, lane[, intended lane, mode])."""
+    full = [(*row, row[3], "cruise")[:6] if len(row) == 4 else row for row in rows]
+    names = ["time_s", "vehicle_id", "x_m", "lane", "intended_lane", "mode"]
+    return pd.DataFrame(full, columns=names).assign(run_id=run, y_m=0.0)
+
+
+# Two steps planned in lane 2, then 1. The car is 25 m ahead, then in lane 1, 19 m behind; a truck is near in lane 3.
+DECISIONS = pd.DataFrame([decision(0, 0.0, [(2, 100.0), (1, 112.0)])])
+STEPS = trace(
+    (0.6, "ego", 101.0, 2),
+    (0.6, "car", 125.0, 2),
+    (0.6, "truck", 100.0, 3),
+    (1.2, "ego", 113.0, 1),
+    (1.2, "car", 93.0, 1),
+    (1.2, "truck", 112.0, 3),
+)
+
+
+def test_each_step_is_looked_up_at_its_own_instant_and_lane():
+    found = audit_run(DECISIONS, STEPS, SETTINGS)
+    assert found["distance_m"].tolist() == [25.0, 19.0]
+    assert found["vehicle_id"].tolist() == ["car", "car"]
+    assert found["violated"].tolist() == [False, True]
+    assert found["observed"].all()
+
+
+def test_the_executed_step_is_the_first_one_where_the_ego_was():
+    found = audit_run(DECISIONS, STEPS, SETTINGS, Claim.EXECUTED)
+    assert found[["horizon_step", "ego_x_m", "distance_m", "violated"]].to_numpy().tolist() == [[1, 101.0, 24.0, False]]
+
+
+def test_a_vehicle_may_be_in_the_lane_it_intends_as_well():
+    steps = STEPS.assign(intended_lane=[2, 2, 2, 1, 1, 1])  # the truck merges
+    settings = AuditSettings(0.6, 20.0, ("lane", "intended_lane"))
+    found = audit_run(DECISIONS, steps, settings)
+    assert found["vehicle_id"].tolist() == ["truck", "truck"]
+    assert found["distance_m"].tolist() == [0.0, 0.0]
+
+
+def test_a_distance_on_its_bound_holds_and_an_empty_lane_cannot_fall_short():
+    steps = trace((0.6, "ego", 100.0, 2), (0.6, "car", 119.999999, 2), (1.2, "ego", 113.0, 1))
+    found = audit_run(DECISIONS, steps, SETTINGS)
+    assert found["violated"].tolist() == [False, False]
+    assert np.isnan(found["distance_m"][1])
+
+
+def test_times_that_differ_by_rounding_are_the_same_instant():
+    decisions = pd.DataFrame([decision(0, 0.1 + 0.2, [(2, 100.0)])])
+    found = audit_run(decisions, trace((0.9, "ego", 100.0, 2), (0.9, "car", 90.0, 2)), SETTINGS)
+    assert found["violated"].tolist() == [True]
+
+
+def runs_of(*rows):
+    return pd.DataFrame(rows, columns=["run_id", "planner", "status", "risk_level"])
+
+
+def rates_by_unit(audited, runs, **options):
+    table = violation_rates(audited, runs, **options)
+    return {(row.status, row.per): (row.violation_count, row.trial_count) for row in table.itertuples()}
+
+
+def test_denominators_are_never_mixed_and_relaxed_plans_stand_apart():
+    ego = [(0.6 * k, "ego", 100.0 + k, 2) for k in range(1, 5)]
+    car = [(0.6 * k, "car", 200.0 if k != 3 else 110.0, 2) for k in range(1, 5)]
+    decisions = pd.DataFrame(
+        [
+            decision(0, 0.0, [(2, 100.0), (2, 100.0)]),
+            decision(1, 0.6, [(2, 100.0), (2, 100.0)]),  # its second step is violated at 1.8 s
+            decision(2, 1.2, [(2, 100.0), (2, 100.0)], status="relaxed"),  # its first step is
+            decision(3, 1.8, [(2, 100.0), (2, 100.0)]),  # its second step is beyond the record
+        ]
+    )
+    audited = audit_run(decisions, trace(*ego[:3], *car[:3], (2.4, "ego", 104.0, 2)), SETTINGS)
+    runs = runs_of(("r", "hmdp", "completed", 0.05))
+    assert audited["observed"].sum() == 7
+    assert rates_by_unit(audited, runs) == {
+        ("optimal", "step"): (1, 5),
+        ("optimal", "plan"): (1, 2),
+        ("optimal", "run"): (1, 1),
+        ("relaxed", "step"): (1, 2),
+        ("relaxed", "plan"): (1, 1),
+        ("relaxed", "run"): (1, 1),
+    }
+
+
+@pytest.mark.parametrize(("status", "plans"), [("completed", (0, 0)), ("contact", (1, 1))])
+def test_a_plan_cut_short_by_a_contact_counts_if_it_is_violated(status, plans):
+    audited = audit_run(DECISIONS, trace((0.6, "ego", 100.0, 2), (0.6, "car", 101.0, 2)), SETTINGS)
+    found = rates_by_unit(audited, runs_of(("r", "hmdp", status, 0.05)))
+    assert found["optimal", "step"] == (1, 1)
+    assert found["optimal", "plan"] == plans
+    assert found["optimal", "run"] == plans
+
+
+def many(violated_by_run, planner="hmdp", first=0):
+    """Build audited one-step plans from a list of truth values per run."""
+    return pd.DataFrame(
+        [
+            {
+                "run_id": f"r{first + run}",
+                "decision_index": index,
+                "status": "optimal",
+                "horizon_step": 1 + index % 2,
+                "observed": True,
+                "violated": bool(value),
+            }
+            for run, values in enumerate(violated_by_run)
+            for index, value in enumerate(values)
+        ]
+    )
+
+
+def test_rates_by_planner_and_step():
+    audited = pd.concat([many([[0, 1] * 50]), many([[0, 0] * 100], first=1)], ignore_index=True)
+    runs = runs_of(("r0", "a", "completed", 0.05), ("r1", "b", "completed", 0.05))
+    table = violation_rates(audited, runs, ["planner", "horizon_step"]).set_index(["planner", "horizon_step"])
+    assert table["per"].unique().tolist() == ["step"]
+    assert table["violation_rate"].to_dict() == {("a", 1): 0.0, ("a", 2): 1.0, ("b", 1): 0.0, ("b", 2): 0.0}
+    assert table["verdict"].to_dict() == {
+        ("a", 1): "too few data",
+        ("a", 2): "violated",
+        ("b", 1): "consistent",
+        ("b", 2): "consistent",
+    }
+    per = violation_rates(audited, runs, ["planner"]).set_index(["planner", "per"])["verdict"]
+    assert per["a", "plan"] == "violated"
+    assert per["b", "plan"] == "conservative"
+    assert set(per[:, "run"]) == {"no claim"}
+
+
+def test_runs_that_fail_as_a_whole_widen_the_interval():
+    runs = runs_of(*((f"r{i}", "a", "completed", 0.05) for i in range(10)))
+    clustered = violation_rates(many([[1] * 20] + [[0] * 20] * 9), runs).iloc[0]
+    spread = violation_rates(many([[1, 1] + [0] * 18] * 10), runs).iloc[0]
+    assert clustered["violation_rate"] == spread["violation_rate"] == 0.1
+    # Twenty plans of one run are one bad run of ten, which eps = 0.05 may well give; twenty in all runs are not.
+    assert (clustered["verdict"], spread["verdict"]) == ("too few data", "violated")
+    assert clustered["design_effect"] == pytest.approx(20 * 10 / 9)
+
+
+# With eps = 0.05 no violation in n trials reaches above it up to n = 71: 1 - 0.025^(1/n) = 0.0506, and 0.0499 for 72.
+@pytest.mark.parametrize(
+    ("hits", "trials", "expected"),
+    [
+        (0, 71, Verdict.TOO_FEW),
+        (0, 72, Verdict.CONSISTENT),
+        (0, 0, Verdict.TOO_FEW),
+        (3, 3, Verdict.VIOLATED),
+        (0, 145, Verdict.CONSISTENT),  # 0.0251
+        (0, 146, Verdict.CONSERVATIVE),  # 0.0250
+        (50, 1000, Verdict.CONSISTENT),
+        (65, 1000, Verdict.VIOLATED),
+    ],
+)
+def test_the_verdict_by_hand(hits, trials, expected):
+    assert judge(rate(hits, trials), 0.05) is expected
+
+
+def test_without_a_risk_level_there_is_no_claim():
+    assert judge(Rate(0, 9, 0.0, 0.0, 0.1), float("nan")) is Verdict.NO_CLAIM
+
+
+def test_missing_columns_of_runs_are_named():
+    with pytest.raises(InputError, match="column density must be in the table of runs"):
+        violation_rates(many([[0]]), runs_of(), ["density"])
+
+
+def test_a_study_is_audited_run_by_run():
+    manifest = {"period_s": 0.6, "safe_distance_m": 20.0, "parameters": {}, "run_id": "r"}
+    rule = {**manifest, "safe_distance_m": None}
+    found = audit_results(DECISIONS, STEPS, {"r": manifest, "q": rule})
+    assert found["violated"].tolist() == [False, True]
+    assert len(audit_results(DECISIONS, STEPS, {"q": rule})) == 0
+    only_ego = STEPS[STEPS["vehicle_id"] == "ego"]
+    with pytest.raises(InputError) as caught:
+        audit_results(
+            DECISIONS.assign(branch_count=3),
+            only_ego,
+            {"r": manifest, "s": {**manifest, "run_id": "s", "parameters": {"distance_rule": "rss"}}},
+        )
+    assert [str(problem) for problem in caught.value.problems] == [
+        "run r must have all vehicles in its steps to be audited. Record it with --trace all",
+        "distance_rule must be fixed for an audit, got rss (s). Leave the run out",
+    ]
+    with pytest.raises(InputError, match="run r must have all vehicles"):
+        audit_results(DECISIONS, STEPS.iloc[:0], {"r": manifest})
+    assert audit_settings(rule) is None
+
+
+@pytest.mark.parametrize(
+    ("branch", "status", "claim", "count", "expected"),
+    [
+        # The car ends at 117 m in lane 2 (cruise), 17 m ahead of the plan and 12 m of the ego.
+        (("car", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.CHANCE),
+        (("car", [2, 2], ["cruise", "cruise"], [110.0, 124.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.PREDICTOR),
+        (("car", [2, 1], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.PRUNING),
+        (("car", [1, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.PRUNING),
+        (("car", [2, 2], ["accelerate", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.PRUNING),
+        (("car", [2, 1], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 5, Blame.UNKNOWN),
+        (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.UNSEEN),
+        (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "relaxed", "planned", 1, Blame.PLANNER),
+    ],
+)
+def test_blame_by_hand(branch, status, claim, count, expected):
+    decisions = pd.DataFrame(
+        [decision(0, 0.0, [(1, 90.0), (2, 100.0)], status=status, branches=[branch], branch_count=count)]
+    )
+    steps = trace((0.6, "ego", 90.2, 1), (0.6, "car", 109.0, 2), (1.2, "ego", 105.0, 2), (1.2, "car", 117.0, 2))
+    audited = audit_run(decisions, steps, SETTINGS, Claim(claim))
+    found = blame_violations(audited, decisions, steps, SETTINGS, Claim(claim))
+    assert found["blame"].tolist() == [str(expected)]
+    assert found["tracking_error_m"].tolist() == pytest.approx([0.2])
+
+
+@pytest.mark.parametrize(
+    ("ego", "claim", "blames"),
+    [(99.0, "executed", ["tracking"]), (90.4, "executed", ["chance"]), (99.0, "planned", ["chance"])],
+)
+def test_tracking_is_to_blame_only_for_where_the_ego_was(ego, claim, blames):
+    branch = ("car", [2], ["cruise"], [109.0], [1.0])
+    decisions = pd.DataFrame([decision(0, 0.0, [(2, 90.0)], branches=[branch])])
+    steps = trace((0.6, "ego", ego, 2), (0.6, "car", 109.0, 2))
+    audited = audit_run(decisions, steps, SETTINGS, Claim(claim))
+    found = blame_violations(audited, decisions, steps, SETTINGS, Claim(claim))
+    assert found["blame"].tolist() == blames
+
+
+def test_any_branch_may_hold_the_vehicle():
+    branches = [
+        ("car", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 1.0]),
+        ("car", [2, 1], ["cruise", "cruise"], [110.0, 117.5], [1.0, 1.0]),
+        ("lost", [2, 2], ["cruise", "cruise"], [10.0, 20.0], [1.0, 1.0]),
+    ]
+    decisions = pd.DataFrame([decision(0, 0.0, [], branches=branches)])
+    steps = trace((0.6, "car", 109.0, 2), (1.2, "car", 114.5, 2), (1.2, "lost", 20.0, 2))
+    found = prediction_hits(decisions, steps, 0.6, level=0.99).set_index(["vehicle_id", "horizon_step"])
+    # 3 m off at a spread of 1 m is outside 99 % (2.58), inside 99.9 % (3.29); the lane is that of the other branch.
+    assert found["in_interval"].to_dict() == {("car", 1): True, ("car", 2): False, ("lost", 2): True}
+    assert found["kept"].to_dict() == {("car", 1): True, ("car", 2): True, ("lost", 2): False}
+    assert prediction_hits(decisions, steps, 0.6)["in_interval"].all()
+
+
+def test_no_violation_no_blame():
+    decisions = pd.DataFrame([decision(0, 0.0, [(2, 90.0)])])
+    steps = trace((0.6, "ego", 90.0, 2))
+    audited = audit_run(decisions, steps, SETTINGS)
+    assert blame_violations(audited, decisions, steps, SETTINGS).empty
+
+
+def test_a_world_that_follows_the_model_is_within_the_interval():
+    """Plans that leave the margin of eps = 0.1 in a world of the predicted spread fall short in a tenth of cases."""
+    rng = np.random.default_rng(8)
+    margin = 1.2815515655446004  # the 90 % point of the normal distribution
+    decisions, steps = [], []
+    for index in range(600):
+        decisions.append(decision(index, float(index), [(2, 100.0)]))
+        car = 100.0 + 20.0 + margin + rng.normal()
+        steps += [(index + 0.6, "ego", 100.0, 2), (index + 0.6, "car", car, 2)]
+    audited = audit_run(pd.DataFrame(decisions), trace(*steps), SETTINGS)
+    table = violation_rates(audited, runs_of(("r", "hmdp", "completed", 0.1)), level=0.99).set_index("per")
+    assert table.loc["plan", "low_rate"] < 0.1 < table.loc["plan", "high_rate"]
+    assert table.loc["plan", "verdict"] == "consistent"
