@@ -85,6 +85,7 @@ class LaneChangesFile(FileModel):
     duration_s: Positive = 4.0
     interval_s: NonNegative = 4.0
     period_s: Positive = 0.4
+    speed_min_mps: Speed = 3.0
 
     def settings(self) -> BackgroundSettings:
         """Return the settings as the world uses them."""
@@ -96,7 +97,7 @@ class LaneChangesFile(FileModel):
             critical_speed=self.critical_speed_mps,
             least_gap=self.least_gap_m,
         )
-        return BackgroundSettings(rule, self.duration_s, self.interval_s, self.period_s)
+        return BackgroundSettings(rule, self.duration_s, self.interval_s, self.period_s, self.speed_min_mps)
 
 
 class BeliefFile(PolicyFile, NoiseFile):

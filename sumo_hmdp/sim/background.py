@@ -29,6 +29,8 @@ IntArray = NDArray[np.int64]
 _SOON = 1e-6
 # Who moves less in a step has no course [m].
 _STANDS = 1e-3
+# No lane change has a greater angle to the road [rad].
+_STEEPEST = 0.3
 # Beyond this angle to the road a vehicle crosses it [rad].
 _CROSSING = math.pi / 4
 # How far beside the road a body can still reach into it [m].
@@ -45,6 +47,8 @@ class BackgroundSettings:
         rule: how they choose lanes.
         lane_change_time: from one lane's centre to the next [s].
         interval: least time from one change of a driver to its next [s].
+        least_speed: below which nobody begins a change, unless the lane ends [m/s]: in a queue one does not move
+            sideways.
         period: time between two looks for a better lane [s], rounded to the simulation step.
         route_time: how long before its lane ends a driver begins to look for the one that its route needs, at its
             desired speed [s]; enough for three changes with their intervals.
@@ -56,6 +60,7 @@ class BackgroundSettings:
     lane_change_time: float = 4.0
     interval: float = 4.0
     period: float = 0.4
+    least_speed: float = 3.0
     route_time: float = 30.0
     route_bias: float = 2.0
 
@@ -173,6 +178,8 @@ class Background:
         may_change[: len(rows)] = self._arrives[rows] + self._settings.interval <= now + _SOON
         ends, bias = self._route_needs(rows, len(others))
         here = np.take_along_axis(ends, vehicles.lane[:, None] - 1, axis=1)
+        # Whose lane ends has to leave it, even from a standstill.
+        may_change &= (vehicles.speed >= self._settings.least_speed) | (bias.max(axis=1) > 0.0)
         far = ends - vehicles.x[:, None] > self._settings.route_time * vehicles.drivers.desired_speed[:, None]
         allowed = self._network.lane_exists(vehicles.x) & (far | (ends >= here))
         moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change, bias, ends)
@@ -266,6 +273,9 @@ class Background:
         # Who stands keeps its heading; who has just come has none yet.
         moved = np.hypot(dx, dy) > _STANDS
         self._heading[rows[moved]] = np.arctan2(dy[moved], dx[moved])
+        # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
+        changing = rows[self._origin[rows] != self._target[rows]]
+        self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
         # SUMO answers for a vehicle that it has taken off with a large negative number.
         wrong = ~np.isfinite(places[:, 0] + self._speed[rows]) | (self._speed[rows] < 0.0)
         if wrong.any():
