@@ -11,6 +11,7 @@ from typing import Any
 from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.registry import planner_kinds
+from sumo_hmdp.scenario.checks import data_folder
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
@@ -64,6 +65,20 @@ class Design:
     def seeds(self) -> tuple[int, ...]:
         """All seeds, those that a rule for stopping may spare included."""
         return tuple(itertools.chain.from_iterable(self.stages))
+
+
+def find_study(name_or_path: str) -> Path:
+    """Return a study file, given by path or by the name of one that comes with the package.
+
+    Raises:
+        InputError: if there is neither.
+    """
+    known = {path.stem: path for path in sorted((data_folder("scenarios") / "studies").glob("*.yaml"))}
+    path = Path(name_or_path)
+    if path.is_file() or name_or_path in known:
+        return path if path.is_file() else known[name_or_path]
+    remedy = nearest(name_or_path, known)
+    raise InputError([f"must be a study file or name, got {name_or_path!r} (no such file); {remedy}"])
 
 
 def load_design(path: Path, solver: str | None = None) -> Design:

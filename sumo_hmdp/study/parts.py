@@ -105,7 +105,7 @@ def sweep(folder: Path) -> Finished:
             for table in reversed(COLUMNS):
                 path = folder / table / file
                 if path.is_file():
-                    path.replace(path.with_name(f"{path.name}.damaged"))
+                    path.replace(path.with_name(f".{path.name}.damaged"))
         else:
             rows.append(tables["runs"].assign(cell=cell_of(file)))
     vouched = {str(file) for file in run_files(folder)}

@@ -42,6 +42,10 @@ OPTIONS = {
     "version",
     "explain",
     "figure",
+    "workers",
+    "dask",
+    "limit",
+    "dry-run",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 
