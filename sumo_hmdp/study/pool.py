@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -48,13 +49,18 @@ class _Worker:
 
     process: subprocess.Popen[bytes]
     connection: Connection
-    log: Path
+    scratch: Path
     awake: bool = False
     job: Job | None = None
     deadline: float = 0.0
     started: float = 0.0
     log_from: int = 0
     done: int = 0
+
+    @property
+    def log(self) -> Path:
+        """What it writes to standard error."""
+        return self.scratch / "stderr.txt"
 
 
 @dataclass
@@ -69,7 +75,6 @@ class LocalPool:
     count: int
     runs_per_worker: int = RUNS_PER_WORKER
     _workers: list[_Worker] = field(default_factory=list)
-    _scratch: tempfile.TemporaryDirectory[str] | None = None
 
     @property
     def free(self) -> int:
@@ -113,26 +118,22 @@ class LocalPool:
             worker.connection.close()
         for worker in list(self._workers):
             self._end(worker, killed=worker.job is not None)
-        if self._scratch is not None:
-            self._scratch.cleanup()
 
     def _start(self) -> _Worker:
-        if self._scratch is None:
-            self._scratch = tempfile.TemporaryDirectory(prefix="sumo-hmdp-workers-")
-        log = Path(self._scratch.name) / f"{time.monotonic_ns()}.txt"
+        scratch = Path(tempfile.mkdtemp(prefix="sumo-hmdp-worker-"))
         ours, theirs = socket.socketpair()
-        with log.open("wb") as stderr, theirs:
+        with (scratch / "stderr.txt").open("wb") as stderr, theirs:
             process = subprocess.Popen(  # noqa: S603 - our own program
-                [sys.executable, "-P", "-c", PROGRAM, str(theirs.fileno())],
+                [sys.executable, "-P", "-c", PROGRAM, str(theirs.fileno()), str(scratch)],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=stderr,
-                env={**os.environ, "TMPDIR": self._scratch.name},
+                env={**os.environ, "TMPDIR": str(scratch)},
                 # Signals from the terminal are for the parent alone.
                 start_new_session=True,
             )
-        worker = _Worker(process, Connection(ours.detach()), log)
+        worker = _Worker(process, Connection(ours.detach()), scratch)
         self._workers.append(worker)
         return worker
 
@@ -155,14 +156,14 @@ class LocalPool:
         job = worker.job
         assert job is not None  # noqa: S101 - only busy workers are asked
         elapsed = time.monotonic() - worker.started
-        self._end(worker, killed=status is RunStatus.TIMED_OUT)
+        with worker.log.open("rb") as log:
+            self._end(worker, killed=status is RunStatus.TIMED_OUT)
+            log.seek(worker.log_from)
+            text = log.read().decode(errors="replace")
         if status is RunStatus.TIMED_OUT:
             reason = f"took longer than {job.wall_limit if worker.awake else START_LIMIT:g} s"
         else:
             reason = f"the process ended: {_ending(worker.process.returncode)}"
-        with worker.log.open("rb") as log:
-            log.seek(worker.log_from)
-            text = log.read().decode(errors="replace")
         return Outcome(job.run_id, status, reason, traceback=text or f"{reason}\n", wall_time=elapsed)
 
     def _end(self, worker: _Worker, *, killed: bool) -> None:
@@ -177,6 +178,7 @@ class LocalPool:
             # Its pipe is closed but it lives on, such as in a library's handler for crashes.
             worker.process.kill()
             worker.process.wait()
+        shutil.rmtree(worker.scratch, ignore_errors=True)
 
 
 def _ending(code: int) -> str:

@@ -70,6 +70,7 @@ class Study:
     on_progress: Callable[[Progress], None] | None = None
     _rows: dict[str, dict[str, object]] = field(default_factory=dict)
     _planned: set[str] = field(default_factory=set)
+    _counts: Counter[str] = field(default_factory=Counter)
     _new: int = 0
 
     def run(self) -> bool:
@@ -84,7 +85,9 @@ class Study:
         self._writer = Writer(self.folder, self.design.cells)
         self._ledger = Ledger(self.folder)
         for stage, seeds in enumerate(self.design.stages):
-            self._planned |= {cell.run_id(seed) for cell in self.design.cells for seed in seeds}
+            planned = {cell.run_id(seed) for cell in self.design.cells for seed in seeds}
+            self._planned |= planned
+            self._counts.update(str(self._rows[run_id]["status"]) for run_id in planned & self._rows.keys())
             jobs = [(cell, s) for cell in self.design.cells for s in seeds if cell.run_id(s) not in self._rows]
             allowed = len(jobs) if self.limit is None else self.limit - self._new
             self._report()
@@ -101,7 +104,7 @@ class Study:
 
     def counts(self) -> Counter[str]:
         """Return how many of the study's runs ended how."""
-        return Counter(str(self._rows[run_id]["status"]) for run_id in self._planned if run_id in self._rows)
+        return Counter(self._counts)
 
     def _do(self, jobs: deque[tuple[Cell, int]]) -> None:
         """Do some runs; whatever ends this, what is finished is written."""
@@ -139,6 +142,7 @@ class Study:
         }
         self._writer.add(RunTables(cell.id, row, outcome.steps, outcome.decisions, outcome.traceback))
         self._rows[run_id] = {**row, "cell": cell.id}
+        self._counts[str(outcome.status)] += 1
         self._new += 1
         self._report()
         return True
@@ -156,6 +160,5 @@ class Study:
     def _report(self) -> None:
         if self.on_progress is None:
             return
-        counts = self.counts()
-        failed = sum(count for status, count in counts.items() if status not in ENDED_WELL)
-        self.on_progress(Progress(len(self._planned), counts.total(), self._new, failed))
+        failed = sum(count for status, count in self._counts.items() if status not in ENDED_WELL)
+        self.on_progress(Progress(len(self._planned), self._counts.total(), self._new, failed))

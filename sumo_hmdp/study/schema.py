@@ -52,4 +52,4 @@ class StudyFile(FileModel):
     stopping: StoppingFile | None = None
     solver: str = "milp"
     trace: Literal["none", "ego", "all"] = "none"
-    wall_limit_s: Positive = 600.0
+    wall_limit_s: Annotated[float, Field(gt=0.0, le=1e6)] = 600.0

@@ -191,12 +191,16 @@ def _joined(folder: Path, table: str) -> pd.DataFrame:
 
 
 def _with_factors(runs: pd.DataFrame) -> pd.DataFrame:
-    """Add a column for each factor that is no column yet."""
+    """Add a column for each factor; one that has a measured column's name, such as `duration_s`, as `factors.NAME`."""
     if "factors_json" not in runs:
         return runs
     factors = [json.loads(text) if isinstance(text, str) else {} for text in runs["factors_json"]]
-    names = dict.fromkeys(name for values in factors for name in values if name not in runs)
-    columns = {name: [values.get(name) for values in factors] for name in names}
+    names = dict.fromkeys(
+        name for values in factors for name in values if name not in {"planner", "solver", "risk_level"}
+    )
+    columns = {
+        f"factors.{name}" if name in runs else name: [values.get(name) for values in factors] for name in names
+    }  # fmt: skip
     return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1)
 
 

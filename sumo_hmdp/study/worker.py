@@ -4,6 +4,7 @@ import contextlib
 import faulthandler
 import os
 import queue
+import shutil
 import signal
 import sys
 import threading
@@ -96,15 +97,22 @@ def run_job(job: Job) -> Outcome:
     )  # fmt: skip
 
 
-def serve(connection: Connection) -> None:
-    """Do the jobs that come through a pipe until it ends; the end of the other side ends this process at once."""
+def serve(connection: Connection, scratch: Path) -> None:
+    """Do the jobs that come through a pipe until it ends; the end of the other side ends this process at once.
+
+    Args:
+        connection: the pipe.
+        scratch: this process's own folder for temporary files, which goes with it.
+    """
     jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
 
     def listen() -> None:
         with contextlib.suppress(EOFError, OSError):
             while True:
                 jobs.put(connection.recv())
-        # Nobody waits for what is being done; a planner that hangs would keep the process for ever.
+        # Nobody waits for what is being done; a planner that hangs would keep the process for ever. A parent that was
+        # killed cannot take the folder for temporary files away.
+        shutil.rmtree(scratch, ignore_errors=True)
         os._exit(0)
 
     threading.Thread(target=listen, daemon=True).start()
@@ -120,8 +128,8 @@ def serve(connection: Connection) -> None:
 
 
 def main() -> None:
-    """Serve the pipe whose number is the first argument."""
+    """Serve the pipe whose number is the first argument, with the folder for temporary files that is the second."""
     # The parent decides when to end; Ctrl-C is for it alone.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     faulthandler.enable()
-    serve(Connection(int(sys.argv[1])))
+    serve(Connection(int(sys.argv[1])), Path(sys.argv[2]))

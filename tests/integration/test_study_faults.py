@@ -128,13 +128,16 @@ def test_a_killed_worker_costs_nothing(start, write_study, undisturbed, tmp_path
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_study_that_is_ended_goes_on(start, call, write_study, undisturbed, tmp_path, monkeypatch, how):
-    out = tmp_path / "out"
+def test_a_study_that_is_ended_goes_on(start, call, write_study, undisturbed, tmp_path, how):
+    out, scratch = tmp_path / "out", tmp_path / "scratch"
+    scratch.mkdir()
     study = write_study(tmp_path, **LONG)
     begun = call("study", study, "--out", out, "--workers", 1, "--limit", 2)
     assert begun.code == 0
-    process = start(study, "--out", out, "--workers", 2)
+    process = start(study, "--out", out, "--workers", 2, env={**os.environ, "TMPDIR": str(scratch)})
     workers = wait_for(lambda: workers_of(process), process)
+    # SUMO's files of a run: it has begun.
+    wait_for(lambda: list(scratch.glob("*/sumo-hmdp-*")), process)
     process.send_signal(how)
     _, complaint = process.communicate(timeout=30)
     if how is signal.SIGKILL:
@@ -146,6 +149,7 @@ def test_a_study_that_is_ended_goes_on(start, call, write_study, undisturbed, tm
     while any(map(is_alive, workers)):
         assert time.monotonic() < until
         time.sleep(0.05)
+    assert list(scratch.iterdir()) == []
     kept = sumo_hmdp.load(out).runs
     assert len(kept) >= 2
     finished = call("study", study, "--out", out, "--workers", 1)

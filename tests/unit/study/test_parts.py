@@ -42,6 +42,8 @@ def test_everything_comes_back_in_one_line(filled, tiny):
     assert results.runs.groupby("planner")["ego.speed_mps"].unique().map(sorted).to_dict() == {
         "hmdp_mpc": [29.0, 30.0], "idm_mobil": [29.0, 30.0],
     }  # fmt: skip
+    # A run that ends early is shorter than its factor says.
+    assert results.runs["factors.duration_s"].tolist() == [1.2] * 12
     for frame in (results.decisions, results.steps):
         assert set(frame["run_id"]) == set(results.runs["run_id"])
         assert not frame.duplicated(["run_id", *({"step", "vehicle_id", "decision_index"} & set(frame))]).any()
