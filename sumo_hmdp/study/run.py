@@ -219,4 +219,6 @@ def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool)
         for index, document in enumerate(record.documents):
             if document is not None:
                 write_text(decision_folder(folder, record.run_id) / f"{index:04d}.json", document + "\n")
-    write_table(folder, "runs", record.run_id, pd.DataFrame([record.row]).astype(RUN_COLUMNS))
+    write_table(
+        folder, "runs", record.run_id, pd.DataFrame([record.row], columns=list(RUN_COLUMNS)).astype(RUN_COLUMNS)
+    )
