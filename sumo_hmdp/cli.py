@@ -1,4 +1,4 @@
-"""The command line: `sumo-hmdp decide | run | check | list`."""
+"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of `cli_study`."""
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import json
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from sumo_hmdp.cli_study import INTERRUPTED, add_commands
 from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from sumo_hmdp.scenario.load import ReadyRun
     from sumo_hmdp.study.run import RunRecord
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+BAD_INPUT, FAILED = 2, 1
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -332,3 +333,6 @@ def list_all() -> None:
     _print(scenarios)
     _print(planners)
     typer.echo(f"solvers: {', '.join(SOLVERS)}")
+
+
+add_commands(app)

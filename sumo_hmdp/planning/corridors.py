@@ -21,7 +21,7 @@ from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneState, lane_states, occupied_lanes, present_lanes, sweep_steps
-from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, DistanceRule
+from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches, farthest_stop
 
 BoolArray = NDArray[np.bool_]
@@ -126,7 +126,7 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
     Returns:
         The graph; a step at which everything is taken has a stage without windows.
     """
-    levelled = problem.settings.distance_rule is not DistanceRule.FIXED
+    levelled = problem.settings.distance_hangs_on_speed
     states = lane_states(problem)
     occupied = occupied_lanes(problem, branches)
     before = _start(problem, branches, states[0][0])

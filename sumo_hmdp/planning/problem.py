@@ -137,6 +137,13 @@ class PlannerSettings:
     stopping: bool = False
     enforce_deadline: bool = False
 
+    @property
+    def distance_hangs_on_speed(self) -> bool:
+        """Tell whether the safe distance differs from one speed of the ego to another."""
+        if self.distance_rule is DistanceRule.TIME_HEADWAY:
+            return self.time_headway > 0.0
+        return self.distance_rule is DistanceRule.RSS
+
     def prediction(self) -> PredictionSettings:
         """Return what the prediction needs of this."""
         return PredictionSettings(

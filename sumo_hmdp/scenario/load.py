@@ -1,11 +1,11 @@
 """From a scenario file to a run that is ready to start."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from sumo_hmdp.documents import read_yaml
+from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
@@ -26,6 +26,7 @@ from sumo_hmdp.scenario.checks import (
     time_checks,
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
+from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -51,12 +52,14 @@ class RunOptions:
         solver: a name of `SOLVERS`.
         seed: of everything random.
         risk_level: epsilon of the planner, None takes the scenario's.
+        overrides: values that take the place of the scenario's, by path such as `ego.speed_mps`.
     """
 
     planner: str | None = None
     solver: str = "milp"
     seed: int = 0
     risk_level: float | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,10 +124,27 @@ def load_scenario(path: Path, options: RunOptions | None = None) -> ReadyRun:
     Raises:
         InputError: with every mistake and its path.
     """
-    options = options or RunOptions()
-    document = read_yaml(path)
+    return assemble_scenario(read_yaml(path), options or RunOptions(), path)
+
+
+def assemble_scenario(document: Document, options: RunOptions, path: Path) -> ReadyRun:
+    """Check and assemble a scenario that has been read.
+
+    Args:
+        document: the scenario; the `configuration` of a run is one, too.
+        options: what is changed.
+        path: its file, for the messages and for networks given by a path from there.
+
+    Raises:
+        InputError: with every mistake and its path.
+    """
     content = document.content
     problems = list(document.problems)
+    if isinstance(content, Mapping) and options.overrides:
+        try:
+            content = with_overrides(content, options.overrides)
+        except InputError as error:
+            problems.extend(error.problems)
     scenario: ScenarioFile | None = None
     try:
         scenario = parse(ScenarioFile, content)

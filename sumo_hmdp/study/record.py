@@ -29,12 +29,12 @@ DECISION_COLUMNS = {
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
     "status": "str", "reason": "str", "duration_s": "float64", "distance_m": "float64", "speed_mean_mps": "float64",
-    "gap_min_m": "float64", "ttc_min_s": "float64", "lane_change_count": "int64", "lane_change_first_s": "float64",
-    "decision_count": "int64", "optimal_share": "float64", "relaxed_share": "float64", "fallback_share": "float64",
+    "gap_min_m": "float64", "ttc_min_s": "float64", "lane_change_count": "Int64", "lane_change_first_s": "float64",
+    "decision_count": "Int64", "optimal_share": "float64", "relaxed_share": "float64", "fallback_share": "float64",
     "violation_max_m": "float64", "solve_time_median_ms": "float64", "solve_time_max_ms": "float64",
-    "contact_count": "int64", "contact_at_fault_count": "int64", "sumo_contact_count": "int64",
-    "background_contact_count": "int64", "red_light_count": "int64", "junction_stop_count": "int64",
-    "goal_reached": "boolean", "tracking_failure_count": "int64", "deadline_miss_count": "int64",
+    "contact_count": "Int64", "contact_at_fault_count": "Int64", "sumo_contact_count": "Int64",
+    "background_contact_count": "Int64", "red_light_count": "Int64", "junction_stop_count": "Int64",
+    "goal_reached": "boolean", "tracking_failure_count": "Int64", "deadline_miss_count": "Int64",
     "reproducible": "boolean", "wall_time_s": "float64", "trace_hash": "str",
 }  # fmt: skip
 # Every metric is a column; those above keep their places.
@@ -43,6 +43,15 @@ RUN_COLUMNS |= {
     for name, metric in METRICS.all.items()
     if name not in RUN_COLUMNS
 }
+# What differs from one execution of the same run to the next.
+WALL_CLOCK_COLUMNS = (
+    "solve_time_ms",
+    "solve_time_median_ms",
+    "solve_time_p99_ms",
+    "solve_time_max_ms",
+    "deadline_miss_count",
+    "wall_time_s",
+)
 
 
 class Trace(StrEnum):
@@ -60,6 +69,8 @@ class RunStatus(StrEnum):
     CONTACT = "contact"
     FAILED = "failed"
     INTERRUPTED = "interrupted"
+    TIMED_OUT = "timed_out"
+    CRASHED = "crashed"
 
 
 @dataclass

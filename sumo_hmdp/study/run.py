@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.planning.decide import SolversDisagreeError
@@ -72,17 +73,18 @@ def run_id_of(run: ReadyRun) -> str:
     return "-".join([*parts, f"seed{run.seed}"])
 
 
-def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None) -> RunRecord:
+def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None, run_id: str | None = None) -> RunRecord:
     """Simulate a run; a failure or an interruption ends it early but never loses its record.
 
     Args:
         run: the run.
         on_moment: called with every instant, for progress.
+        run_id: its name; None takes that of a single run.
 
     Raises:
         InputError: if the run cannot even start for a mistake in its input.
     """
-    recorder = Recorder(run_id_of(run))
+    recorder = Recorder(run_id or run_id_of(run))
     started = datetime.now(tz=UTC)
     status, reason, trace = RunStatus.COMPLETED, "", ""
     disputed: str | None = None
@@ -116,14 +118,7 @@ def _record(
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
     row = {
-        "run_id": recorder.run_id,
-        "scenario": run.scenario,
-        "planner": run.planner_name,
-        "solver": run.solver,
-        "seed": run.seed,
-        "risk_level": run.parameters.get("risk_level"),
-        "status": str(status),
-        "reason": reason,
+        **run_facts(run, recorder.run_id, status, reason),
         **run_metrics(steps, decisions, run.parameters.get("desired_speed_mps")),
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
@@ -134,19 +129,45 @@ def _record(
         "goal_reached": recorder.goal_reached,
         "tracking_failure_count": recorder.qp_failures,
         "deadline_miss_count": int((decisions["solve_time_ms"] > 1000 * run.planner.period).sum()),
-        "reproducible": not run.parameters.get("enforce_deadline", False),
         "wall_time_s": (finished - started).total_seconds(),
         "trace_hash": recorder.trace.hexdigest(),
     }
     manifest = {
-        "schema_version": SCHEMA_VERSION,
+        **run_manifest(run),
         "run_id": recorder.run_id,
+        "seed": run.seed,
+        "status": str(status),
+        "reason": reason,
+        "trace_hash": row["trace_hash"],
+        "started_at": started.isoformat(timespec="seconds"),
+    }
+    return RunRecord(
+        recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
+    )  # fmt: skip
+
+
+def run_facts(run: ReadyRun, run_id: str, status: RunStatus, reason: str) -> dict[str, Any]:
+    """Return what is known of a run, in the row of `runs`, even if nothing of it was recorded."""
+    return {
+        "run_id": run_id,
         "scenario": run.scenario,
         "planner": run.planner_name,
         "solver": run.solver,
         "seed": run.seed,
+        "risk_level": run.parameters.get("risk_level"),
         "status": str(status),
         "reason": reason,
+        "reproducible": not run.parameters.get("enforce_deadline", False),
+    }
+
+
+def run_manifest(run: ReadyRun) -> dict[str, Any]:
+    """Return the configuration and versions that a run has in common with those of other seeds."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": run.scenario,
+        "planner": run.planner_name,
+        "solver": run.solver,
         "dt_s": run.episode.dt,
         "period_s": run.planner.period,
         "duration_s": run.episode.duration,
@@ -155,15 +176,10 @@ def _record(
         "risk_level": run.parameters.get("risk_level"),
         "safe_distance_m": run.parameters.get("safe_distance_m"),
         "lanes": {"count": run.episode.road.lane_count, "width_m": run.episode.road.lane_width},
-        "trace_hash": row["trace_hash"],
-        "started_at": started.isoformat(timespec="seconds"),
         "versions": versions(),
         "parameters": dict(run.parameters),
         "configuration": dict(run.configuration),
     }
-    return RunRecord(
-        recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
-    )  # fmt: skip
 
 
 def versions() -> dict[str, str]:
@@ -177,6 +193,13 @@ def versions() -> dict[str, str]:
     }
 
 
+def kept_steps(record: RunRecord, trace: Trace) -> pd.DataFrame:
+    """Return the rows of the `steps` table that are to be kept."""
+    if trace is Trace.NONE:
+        return record.steps.iloc[:0]
+    return record.steps if trace is Trace.ALL else record.steps[record.steps["vehicle_id"] == EGO_ID]
+
+
 def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool) -> None:
     """Write the tables and the manifest of a run, in place of an earlier run of the same name.
 
@@ -188,13 +211,8 @@ def save(record: RunRecord, folder: Path, trace: Trace, *, dump_decisions: bool)
         trace: which vehicles the `steps` table keeps.
         dump_decisions: whether to write each decision's problem as a file of its own.
     """
-    steps = record.steps
-    if trace is Trace.NONE:
-        steps = steps.iloc[:0]
-    elif trace is Trace.EGO:
-        steps = steps[steps["vehicle_id"] == "ego"]
     discard(folder, record.run_id)
-    write_table(folder, "steps", record.run_id, steps)
+    write_table(folder, "steps", record.run_id, kept_steps(record, trace))
     write_table(folder, "decisions", record.run_id, record.decisions)
     write_manifest(folder, record.run_id, record.manifest)
     if record.traceback:

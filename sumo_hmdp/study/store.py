@@ -1,13 +1,16 @@
-"""Tables on disk: one Parquet file per table and run, each written whole or not at all."""
+"""Tables on disk: Parquet files, each written whole or not at all, and reading them back."""
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from pyarrow import parquet
+from pyarrow.lib import ArrowException
 
 from sumo_hmdp.errors import InputError
 
@@ -93,19 +96,32 @@ def manifest_path(folder: Path, run_id: str) -> Path:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    with whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
 
 
 def write_table(folder: Path, table: str, run_id: str, frame: pd.DataFrame) -> None:
     """Write one table of one run whole or not at all."""
-    path = table_path(folder, table, run_id)
+    with whole(table_path(folder, table, run_id)) as partial:
+        frame.to_parquet(partial, index=False)
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Give a name to write a file under, which gets its real name when it is complete and on the disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    # The dot and the ending keep readers of whole folders away from it.
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    frame.to_parquet(partial, index=False)
-    partial.replace(path)
+    try:
+        yield partial
+        with partial.open("rb") as file:
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError:
+        # On a full disk what was written is worth nothing and in the way.
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
 
 
 def write_manifest(folder: Path, run_id: str, manifest: Mapping[str, Any]) -> None:
@@ -113,32 +129,94 @@ def write_manifest(folder: Path, run_id: str, manifest: Mapping[str, Any]) -> No
     write_text(manifest_path(folder, run_id), json.dumps(manifest, indent=1, default=str) + "\n")
 
 
+def read_table(file: Path) -> pd.DataFrame:
+    """Read one file of a table.
+
+    Raises:
+        InputError: if it is damaged, with the remedy.
+    """
+    try:
+        frame: pd.DataFrame = parquet.ParquetFile(file, page_checksum_verification=True).read().to_pandas()
+    except (OSError, ArrowException) as error:
+        remedy = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
+        raise InputError([f"must be a whole Parquet file: {error}. {remedy}"], str(file)) from None
+    return frame
+
+
 def load(folder: str | Path) -> Results:
-    """Read a results directory. What stands there of a run without a row in `runs`, one that was killed, is left out.
+    """Read a results directory, of single runs or of a study.
+
+    What stands there of a run without a row in `runs`, one that was killed, is left out.
 
     Args:
         folder: as given to `--out`.
 
     Returns:
-        The tables `runs`, `decisions` and `steps` of all its runs as pandas frames, and the manifests.
+        The tables `runs`, `decisions` and `steps` of all its runs as pandas frames, and the manifests. The runs of a
+        study have their cell and a column for each factor.
 
     Raises:
-        InputError: if there are no results.
+        InputError: if there are no results, or if a file is damaged.
     """
     folder = Path(folder)
     if not (folder / "runs").is_dir():
         raise InputError([f"{folder} must be a results directory (with a folder `runs`); give the one named by --out"])
-    run_ids = [file.stem for file in sorted((folder / "runs").glob("*.parquet"))]
-    frames = {}
-    for table in TABLES:
-        files = [table_path(folder, table, run_id) for run_id in run_ids]
-        parts = [pd.read_parquet(file) for file in files if file.is_file()]
-        # Empty parts would change the columns' types.
-        filled = [part for part in parts if len(part)] or parts[:1]
-        frames[table] = pd.concat(filled, ignore_index=True) if filled else pd.DataFrame()
-    manifests = {
-        run_id: json.loads(manifest_path(folder, run_id).read_text(encoding="utf-8"))
-        for run_id in run_ids
-        if manifest_path(folder, run_id).is_file()
-    }
-    return Results(frames["runs"], frames["decisions"], frames["steps"], manifests)
+    frames = {table: _joined(folder, table) for table in TABLES}
+    frames["runs"] = _with_factors(frames["runs"])
+    return Results(frames["runs"], frames["decisions"], frames["steps"], _manifests(folder, frames["runs"]))
+
+
+def run_files(folder: Path) -> list[Path]:
+    """Return the files of the table `runs`, below it: of single runs, and of a study's cells."""
+    runs = folder / "runs"
+    return [file.relative_to(runs) for file in sorted([*runs.glob("*.parquet"), *runs.glob("cell=*/*.parquet")])]
+
+
+def cell_of(file: Path) -> str | None:
+    """Return the study cell whose runs a file holds, None for a single run."""
+    return file.parent.name.removeprefix("cell=") or None
+
+
+def _joined(folder: Path, table: str) -> pd.DataFrame:
+    parts = []
+    for file in run_files(folder):
+        path = folder / table / file
+        if path.is_file():
+            part = read_table(path)
+            cell = cell_of(file)
+            parts.append(part if cell is None else part.assign(cell=cell))
+    # Empty parts would change the columns' types.
+    filled = [part for part in parts if len(part)] or parts[:1]
+    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame()
+
+
+def _with_factors(runs: pd.DataFrame) -> pd.DataFrame:
+    """Add a column for each factor; one that has a measured column's name, such as `duration_s`, as `factors.NAME`."""
+    if "factors_json" not in runs:
+        return runs
+    factors = [json.loads(text) if isinstance(text, str) else {} for text in runs["factors_json"]]
+    names = dict.fromkeys(
+        name for values in factors for name in values if name not in {"planner", "solver", "risk_level"}
+    )
+    columns = {
+        f"factors.{name}" if name in runs else name: [values.get(name) for values in factors] for name in names
+    }  # fmt: skip
+    return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1)
+
+
+def _manifests(folder: Path, runs: pd.DataFrame) -> dict[str, Mapping[str, Any]]:
+    cells = {file.stem: _read_json(file) for file in (folder / "cells").glob("*.json")}
+    manifests: dict[str, Mapping[str, Any]] = {}
+    for row in runs.to_dict("records"):
+        run_id = row["run_id"]
+        if row.get("cell") in cells:
+            of_run = {key: row[key] for key in ("run_id", "seed", "status", "reason", "trace_hash")}
+            manifests[run_id] = cells[row["cell"]] | of_run
+        elif manifest_path(folder, run_id).is_file():
+            manifests[run_id] = _read_json(manifest_path(folder, run_id))
+    return manifests
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return content

@@ -16,6 +16,7 @@ from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS
 from sumo_hmdp.study.run import execute
+from sumo_hmdp.study.schema import StudyFile
 from sumo_hmdp.validation import models_in
 
 UNITS = ("m", "s", "ms", "mps", "mps2", "mps3", "rad", "radps", "m2", "m2ps2", "ps", "ps2", "radps2")
@@ -23,25 +24,16 @@ UNITS = ("m", "s", "ms", "mps", "mps2", "mps3", "rad", "radps", "m2", "m2ps2", "
 UNITS += ("s2", "spkm", "s2pkm")
 # Numbers without a dimension, whose last word says so.
 WORDS = (
-    "share",
-    "rate",
-    "count",
-    "prob",
-    "probs",
-    "level",
-    "weight",
-    "threshold",
-    "cost",
-    "steps",
-    "index",
-    "bound",
+    "share", "rate", "count", "prob", "probs", "level", "weight", "threshold", "cost", "steps", "index", "bound",
     "scale",
-)
-# Numbers without a dimension: lanes are counted from the left, the rest are probabilities and costs.
+)  # fmt: skip
+# Numbers without a dimension: lanes are counted from the left, a half-width is in its metric's unit, the rest are
+# probabilities, costs and seeds.
 DIMENSIONLESS = {
-    "accelerate", "branches", "count", "cruise", "decelerate", "exponent", "forbidden_lanes", "goal_lane",
+    "accelerate", "branches", "confidence", "count", "cruise", "decelerate", "exponent", "first", "forbidden_lanes",
+    "goal_lane", "half_width",
     "intended_lane", "keep", "lane", "lanes", "left", "objective", "politeness", "probability", "right",
-    "schema_version", "seed", "step",
+    "schema_version", "seed", "seeds", "seeds_max", "seeds_min", "step",
     # The numbers of a distribution have the unit of the key that it stands under.
     "max", "mean", "min", "share", "std",
     # Vehicles a kilometre, or an hour, and lane.
@@ -59,6 +51,10 @@ OPTIONS = {
     "version",
     "explain",
     "figure",
+    "workers",
+    "dask",
+    "limit",
+    "dry-run",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 
@@ -106,13 +102,13 @@ def test_a_name_without_its_unit_would_be_found(name):
 
 @pytest.mark.parametrize("columns", [RUN_COLUMNS, DECISION_COLUMNS, STEP_COLUMNS], ids=["runs", "decisions", "steps"])
 def test_columns(columns):
-    numbers = {name for name, kind in columns.items() if kind in {"int64", "float64"}}
+    numbers = {name for name, kind in columns.items() if kind in {"int64", "Int64", "float64"}}
     assert len(numbers) > 5
     assert offenders(numbers) == []
-    assert set(columns.values()) <= {"int64", "float64", "str", "boolean"}
+    assert set(columns.values()) <= {"int64", "Int64", "float64", "str", "boolean"}
 
 
-@pytest.mark.parametrize("model", [ScenarioFile, ProblemFile, *(kind.parameters for kind in BUILT_IN)])
+@pytest.mark.parametrize("model", [ScenarioFile, ProblemFile, StudyFile, *(kind.parameters for kind in BUILT_IN)])
 def test_keys_of_files_that_are_read(model):
     assert offenders(numbers_of(model)) == []
 

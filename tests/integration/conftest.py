@@ -1,11 +1,14 @@
 """The command line as fixtures: in this process, where that is enough, and as the real command."""
 
+import os
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import yaml
 
 from sumo_hmdp import cli
 
@@ -75,3 +78,39 @@ def short_case(tmp_path):
         return file
 
     return write
+
+
+@pytest.fixture
+def write_study():
+    """Write a study of one cell with runs of 0.6 s, with other values in place of some."""
+    return _write_study
+
+
+@pytest.fixture(scope="module")
+def write_study_once():
+    """The same for fixtures of a whole module."""
+    return _write_study
+
+
+def _write_study(folder, **changes):
+    content = {
+        "name": "tiny",
+        "scenarios": ["case2"],
+        "factors": {"planner": ["constant"], "duration_s": [0.6]},
+        "seeds": {"count": 4},
+    }
+    file = folder / "study.yaml"
+    file.write_text(yaml.safe_dump(content | changes))
+    return file
+
+
+@pytest.fixture
+def faulty(tmp_path):
+    """Offer the planner `faulty` as an installed package would; the environment in which it is seen."""
+    shutil.copy(Path(__file__).with_name("faulty_planners.py"), tmp_path)
+    info = tmp_path / "faulty_planners-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty-planners\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[sumo_hmdp.planners]\nfaulty = faulty_planners:FAULTY\n")
+    paths = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}

@@ -1,0 +1,222 @@
+"""The commands on studies: `sumo-hmdp study | repro`."""
+# ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
+
+import os
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sumo_hmdp.errors import InputError, SumoHmdpError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from sumo_hmdp.study.design import Design
+    from sumo_hmdp.study.forecast import Forecast
+    from sumo_hmdp.study.parts import Finished
+    from sumo_hmdp.study.pool import Pool
+    from sumo_hmdp.study.runner import Progress, Study
+
+INTERRUPTED = 130
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands of this file to the command line."""
+    app.command()(study)
+    app.command()(repro)
+
+
+def study(
+    file: Annotated[str, typer.Argument(help="A study file, or the name of one that comes along.", show_default=False)],
+    out_dir: Annotated[Path, typer.Option("--out", help="The study's own directory; what is done there stays.")],
+    workers: Annotated[int | None, typer.Option(help="Processes; without it one a core.", min=1)] = None,
+    dask: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on instead.")] = None,
+    limit: Annotated[int | None, typer.Option(help="End after so many runs; the same command goes on.", min=1)] = None,
+    dry_run: Annotated[  # noqa: FBT002 - a flag of the command line
+        bool, typer.Option("--dry-run", help="Check everything, do one run to tell time and disk, and stop.")
+    ] = False,
+    solver: Annotated[str | None, typer.Option(help="Another solver than the file's.")] = None,
+) -> None:
+    """Run every scenario of a study with every combination of its factors and every seed.
+
+    The same command goes on after whatever ended it: nothing is run twice, nothing that was finished is lost. The exit
+    code is 0 if every run ended well, 1 if some failed, timed out or crashed (they are in `runs` and `ledger.jsonl`).
+
+    Example: `sumo-hmdp study case2_epsilon --out results/epsilon --workers 2`
+    """
+    from sumo_hmdp.study.design import find_study, load_design
+    from sumo_hmdp.study.parts import Writer, opened, sweep
+    from sumo_hmdp.study.runner import Study
+
+    if workers is not None and dask is not None:
+        raise InputError(["--workers: must not go with --dask; leave one of the two out"])
+    path = find_study(file)
+    design = load_design(path, solver)
+    for note in design.notes:
+        typer.echo(f"note: {note}")
+    count = workers or len(os.sched_getaffinity(0))
+    if dry_run:
+        _show_forecast(design, count)
+        return
+    with opened(out_dir):
+        finished = sweep(out_dir)
+        _tell_changes(design, finished, Writer(out_dir, design.cells).describe_cells())
+        _keep_file(path, out_dir / "study.yaml")
+        pool = _pool(count, dask)
+        with _progress() as on_progress, _ending_by_signal():
+            work = Study(design, out_dir, finished, pool, limit, on_progress)
+            try:
+                complete = work.run()
+            except KeyboardInterrupt:
+                typer.echo(f"interrupted; what is finished was kept. Go on with\n{_again()}", err=True)
+                raise typer.Exit(INTERRUPTED) from None
+            finally:
+                pool.close()
+        _show_end(work, out_dir, complete=complete)
+
+
+def _keep_file(source: Path, copy: Path) -> None:
+    """Keep the study file beside its results."""
+    from sumo_hmdp.study.parts import disk
+    from sumo_hmdp.study.store import write_text
+
+    text = source.read_text(encoding="utf-8")
+    if not copy.is_file() or copy.read_text(encoding="utf-8") != text:
+        with disk():
+            write_text(copy, text)
+
+
+def _again() -> str:
+    return shlex.join(["sumo-hmdp", *sys.argv[1:]])
+
+
+def _pool(workers: int, dask: str | None) -> "Pool":
+    from sumo_hmdp.study.dask_pool import DaskPool
+    from sumo_hmdp.study.pool import LocalPool
+
+    return LocalPool(workers) if dask is None else DaskPool(dask)
+
+
+def _tell_changes(design: "Design", finished: "Finished", other_versions: list[str]) -> None:
+    """Say what a reader must know before old and new runs stand in one table."""
+    for line in finished.damaged:
+        typer.secho(line, fg=typer.colors.YELLOW, err=True)
+    orphaned = sorted(set(finished.rows["cell"]) - {cell.id for cell in design.cells})
+    for cell in orphaned:
+        message = f"cell {cell} is no longer in the study; its runs are kept and left out of the study's hash"
+        typer.secho(message, fg=typer.colors.YELLOW, err=True)
+    for cell in other_versions:
+        message = f"cell {cell} was begun with other versions of the software; cells/{cell}.json has both"
+        typer.secho(message, fg=typer.colors.YELLOW, err=True)
+
+
+@contextmanager
+def _ending_by_signal() -> Iterator[None]:
+    """End at SIGTERM, by which clusters announce their time limit, as at Ctrl-C."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, interrupt) if in_main else None
+    try:
+        yield
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[["Progress"], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns: tuple[ProgressColumn, ...] = (
+        BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"),
+        TextColumn("{task.fields[rate]}"), TimeRemainingColumn(),
+    )  # fmt: skip
+    console = Console(stderr=True)
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("runs", total=None, failed=0, rate="")
+
+        def on_progress(now: "Progress") -> None:
+            elapsed = bar.tasks[0].elapsed or 0.0
+            rate = f"{now.new / elapsed:.2f} runs/s" if now.new and elapsed else ""
+            bar.update(task, total=now.planned, completed=now.done, failed=now.failed, rate=rate)
+
+        yield on_progress
+
+
+def _show_end(work: "Study", folder: Path, *, complete: bool) -> None:
+    counts = work.counts()
+    typer.echo(f"{counts.total()} runs: {', '.join(f'{n} {status}' for status, n in sorted(counts.items()))}")
+    typer.echo(f"tables: {folder}    study hash: {work.hash()}")
+    if not complete:
+        typer.echo(f"stopped at --limit; go on with\n{_again()}")
+    if set(counts) - {"completed", "contact"}:
+        raise SumoHmdpError(f"some runs did not end well; {folder / 'ledger.jsonl'} says why, failures/ has tracebacks")
+
+
+def _show_forecast(design: "Design", workers: int) -> None:
+    from rich.console import Console
+
+    from sumo_hmdp.study.forecast import forecast
+
+    Console().print(design_table(design))
+    found = forecast(design)
+    typer.echo(forecast_text(design, found, workers))
+    if found.reason:
+        typer.secho(f"{found.run_id} ended as {found.status}: {found.reason}", fg=typer.colors.YELLOW, err=True)
+
+
+def design_table(design: "Design") -> "Table":
+    """Return the cells of a study with their factors and how many runs each has."""
+    from rich.table import Table
+
+    names = list(dict.fromkeys(name for cell in design.cells for name in cell.factors))
+    stages = design.stages
+    runs = str(len(stages[0])) if len(stages) == 1 else f"{len(stages[0])} to {len(design.seeds)}"
+    table = Table("cell", *names, "runs", title=design.file.name)
+    for cell in design.cells:
+        table.add_row(cell.id, *(str(cell.factors.get(name, "")) for name in names), runs)
+    return table
+
+
+def forecast_text(design: "Design", found: "Forecast", workers: int) -> str:
+    """Say what a study will take, and what this is taken from."""
+    low, high = (len(design.cells) * len(seeds) for seeds in (design.stages[0], design.seeds))
+    span = f"{low}" if low == high else f"{low} to {high}"
+    hours, size = found.wall_time * high / workers / 3600, found.size * high / 1e6
+    time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
+    return (
+        f"{len(design.cells)} cells, {span} runs; at most about {time} with {workers} workers and {size:.1f} MB\n"
+        f"if all runs are like {found.run_id}, which took {found.wall_time:.2f} s and {found.size / 1e3:.0f} kB"
+    )
+
+
+def repro(
+    folder: Annotated[Path, typer.Argument(help="A results directory.", show_default=False)],
+    run_id: Annotated[str, typer.Argument(help="A run in it, as in the table `runs`.", show_default=False)],
+) -> None:
+    """Do a stored run again, from what is stored of it alone, and compare the traces bit for bit.
+
+    Example: `sumo-hmdp repro results case2-hmdp_mpc-eps0.05-seed0`
+    """
+    from sumo_hmdp.study.repro import reproduce
+
+    found = reproduce(folder, run_id)
+    for line in found.versions:
+        typer.echo(f"other version: {line}")
+    if found.same:
+        typer.echo(f"the same: trace hash {found.new_hash[:16]}")
+        return
+    where = found.difference or "no stored step differs; what differs was not stored (see --trace)"
+    raise SumoHmdpError(f"not the same: trace hash was {found.stored_hash[:16]}, is {found.new_hash[:16]}; {where}")

@@ -1,0 +1,43 @@
+"""Names of cells and runs that follow from what is run, so that they are the same on every machine."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from sumo_hmdp.scenario.load import ReadyRun
+from sumo_hmdp.study.store import SCHEMA_VERSION
+
+# What a scenario says besides the run itself: texts for people, and the sections of planners that do not drive.
+_NOT_RUN = ("description", "published", "planner", "planners")
+
+
+def content_of(run: ReadyRun) -> dict[str, Any]:
+    """Return everything that decides what happens in a run, apart from its seed."""
+    scenario = {key: value for key, value in run.configuration.items() if key not in _NOT_RUN}
+    # Networks may have the same name in different folders.
+    scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "scenario": scenario,
+        "planner": run.planner_name,
+        "parameters": dict(run.parameters),
+        "solver": run.solver,
+    }
+
+
+def cell_id_of(run: ReadyRun) -> str:
+    """Return the name of all runs that differ in their seeds alone: words for people, and a hash of the content."""
+    words = [run.scenario, run.planner_name]
+    if run.solver != "milp":
+        words.append(run.solver)
+    risk_level = run.parameters.get("risk_level")
+    if risk_level is not None:
+        words.append(f"eps{risk_level!r}")
+    text = json.dumps(content_of(run), sort_keys=True, allow_nan=False, default=str)
+    return "-".join([*words, hashlib.sha256(text.encode()).hexdigest()[:10]])
+
+
+def study_run_id(cell_id: str, seed: int) -> str:
+    """Return the name of one run of a study."""
+    return f"{cell_id}-seed{seed}"

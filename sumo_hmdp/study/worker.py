@@ -1,0 +1,135 @@
+"""The worker process: one run at a time from a pipe, and back what is to be stored of it."""
+
+import contextlib
+import faulthandler
+import os
+import queue
+import shutil
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from sumo_hmdp.documents import Document
+from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario
+from sumo_hmdp.study.record import RunStatus, Trace
+from sumo_hmdp.study.run import execute, kept_steps
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run to do, complete in itself.
+
+    Attributes:
+        run_id: its name.
+        cell_id: its cell.
+        document: the scenario.
+        planner: who decides.
+        solver: how.
+        risk_level: of the planner, None where it has none.
+        seed: of everything random.
+        trace: which vehicles' steps are wanted.
+        wall_limit: after this time the run is given up [s].
+    """
+
+    run_id: str
+    cell_id: str
+    document: Mapping[str, Any]
+    planner: str
+    solver: str
+    risk_level: float | None
+    seed: int
+    trace: Trace
+    wall_limit: float
+
+    def ready(self) -> ReadyRun:
+        """Assemble the run.
+
+        Raises:
+            InputError: if this is not possible here, such as without the planner's package.
+        """
+        options = RunOptions(self.planner, self.solver, self.seed, self.risk_level)
+        return assemble_scenario(Document(self.document), options, Path(self.cell_id))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes:
+        run_id: the job's.
+        status: how it ended.
+        reason: why it did not complete, empty if it did.
+        row: its row of `runs`; None where the process that should have made it is gone.
+        steps: the steps that were wanted.
+        decisions: all decisions.
+        traceback: of what failed, empty otherwise.
+        wall_time: from start to end [s].
+    """
+
+    run_id: str
+    status: RunStatus
+    reason: str = ""
+    row: Mapping[str, Any] | None = None
+    steps: pd.DataFrame | None = None
+    decisions: pd.DataFrame | None = None
+    traceback: str = ""
+    wall_time: float = 0.0
+
+
+def run_job(job: Job) -> Outcome:
+    """Do a run; whatever goes wrong is in what it returns."""
+    try:
+        record = execute(job.ready(), run_id=job.run_id)
+    except Exception as error:  # noqa: BLE001 - a run that cannot start must not end the others
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return Outcome(job.run_id, RunStatus.FAILED, text, traceback=traceback.format_exc())
+    return Outcome(
+        job.run_id, record.status, record.reason, record.row, kept_steps(record, job.trace), record.decisions,
+        record.traceback, record.row["wall_time_s"],
+    )  # fmt: skip
+
+
+def serve(connection: Connection, scratch: Path) -> None:
+    """Do the jobs that come through a pipe until it ends; the end of the other side ends this process at once.
+
+    Args:
+        connection: the pipe.
+        scratch: this process's own folder for temporary files, which goes with it.
+    """
+    jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+
+    def listen() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                jobs.put(connection.recv())
+        # Nobody waits for what is being done; a planner that hangs would keep the process for ever. A parent that was
+        # killed cannot take the folder for temporary files away.
+        shutil.rmtree(scratch, ignore_errors=True)
+        os._exit(0)
+
+    threading.Thread(target=listen, daemon=True).start()
+    # From here on the time of the first run counts.
+    connection.send(None)
+    while True:
+        job = jobs.get()
+        # Shortly before the parent ends this process, standard error shall say where it hangs.
+        faulthandler.dump_traceback_later(job.wall_limit)
+        outcome = run_job(job)
+        faulthandler.cancel_dump_traceback_later()
+        connection.send(outcome)
+
+
+def main() -> None:
+    """Serve the pipe whose number is the first argument, with the folder for temporary files that is the second."""
+    # The parent decides when to end; Ctrl-C is for it alone.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    faulthandler.enable()
+    serve(Connection(int(sys.argv[1])), Path(sys.argv[2]))

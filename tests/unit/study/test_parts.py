@@ -1,0 +1,201 @@
+"""The store of a study: readable whatever happened to it, by pandas and by Arrow, and never with half a run."""
+
+import shutil
+
+import pandas as pd
+import pytest
+from pyarrow import dataset
+
+import sumo_hmdp
+from sumo_hmdp.errors import InputError, SumoHmdpError
+from sumo_hmdp.study import parts
+from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash, sweep
+from sumo_hmdp.study.store import TABLES, write_table
+
+
+@pytest.fixture
+def filled(tiny, tables, tmp_path):
+    """Write a store: of each cell two batches, of seeds 0 and 1, and of seed 2."""
+
+    def fill(name="out", batches=((0, 1), (2,))):
+        folder = tmp_path / name
+        with opened(folder):
+            writer = Writer(folder, tiny.cells)
+            assert writer.describe_cells() == []
+            for seeds in batches:
+                for cell in tiny.cells:
+                    for seed in seeds:
+                        writer.add(tables(cell, seed))
+                writer.flush()
+            assert writer.waiting == 0
+        return folder
+
+    return fill
+
+
+def test_everything_comes_back_in_one_line(filled, tiny):
+    results = sumo_hmdp.load(filled())
+    assert len(results.runs) == 12
+    assert set(results.runs["cell"]) == {cell.id for cell in tiny.cells}
+    assert set(results.runs["run_id"]) == {cell.run_id(seed) for cell in tiny.cells for seed in range(3)}
+    # Planner is a column of its own already; the other factors are added.
+    assert results.runs.groupby("planner")["ego.speed_mps"].unique().map(sorted).to_dict() == {
+        "hmdp_mpc": [29.0, 30.0], "idm_mobil": [29.0, 30.0],
+    }  # fmt: skip
+    # A run that ends early is shorter than its factor says.
+    assert results.runs["factors.duration_s"].tolist() == [1.2] * 12
+    for frame in (results.decisions, results.steps):
+        assert set(frame["run_id"]) == set(results.runs["run_id"])
+        assert not frame.duplicated(["run_id", *({"step", "vehicle_id", "decision_index"} & set(frame))]).any()
+    manifest = results.manifests[tiny.cells[1].run_id(2)]
+    assert (manifest["seed"], manifest["factors"]["ego.speed_mps"]) == (2, 30.0)
+    assert manifest["configuration"]["ego"]["speed_mps"] == 30.0
+
+
+def test_other_tools_read_the_folders_as_they_are(filled, tiny):
+    folder = filled()
+    expected = {"runs": 12, "decisions": len(sumo_hmdp.load(folder).decisions), "steps": 12 * 9 * 5}
+    for table in TABLES:
+        found = dataset.dataset(folder / table, format="parquet", partitioning="hive")
+        assert found.count_rows() == expected[table]
+        one = found.to_table(filter=dataset.field("cell") == tiny.cells[0].id).to_pandas()
+        assert set(one["run_id"]) == {tiny.cells[0].run_id(seed) for seed in range(3)}
+        frame = pd.read_parquet(folder / table)
+        assert len(frame) == expected[table]
+
+
+def test_runs_without_tables_leave_rows(tiny, tmp_path):
+    """Beside a run that was killed, whose counts are missing and not zero."""
+    cell = tiny.cells[0]
+    with opened(tmp_path):
+        writer = Writer(tmp_path, tiny.cells)
+        row = {"run_id": cell.run_id(0), "scenario": "case2", "planner": "p", "solver": "s", "seed": 0,
+               "status": "crashed", "reason": "signal 9", "reproducible": True}  # fmt: skip
+        writer.add(RunTables(cell.id, row, traceback="Fatal error"))
+        writer.flush()
+    results = sumo_hmdp.load(tmp_path)
+    assert results.runs["status"].tolist() == ["crashed"]
+    assert results.runs["contact_count"].isna().all()
+    assert (len(results.steps), len(results.decisions)) == (0, 0)
+    assert (tmp_path / "failures" / f"{cell.run_id(0)}.txt").read_text() == "Fatal error"
+
+
+def test_a_run_counts_from_its_row_on(filled, tiny, tables, monkeypatch):
+    """Killed before each of the three files, and within each."""
+    folder = filled(batches=((0, 1),))
+    before = sumo_hmdp.load(folder)
+    real = pd.DataFrame.to_parquet
+    for broken in parts.COLUMNS:
+
+        class Killed(BaseException):
+            pass
+
+        def write(frame, path, broken=broken, killed=Killed, real=real, **options):
+            if f"/{broken}/" in str(path):
+                path.write_bytes(b"PAR1 and no more")
+                raise killed
+            real(frame, path, **options)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(pd.DataFrame, "to_parquet", write)
+            writer = Writer(folder, tiny.cells)
+            writer.add(tables(tiny.cells[0], 2))
+            with pytest.raises(Killed):
+                writer.flush()
+        after = sumo_hmdp.load(folder)
+        for table in TABLES:
+            pd.testing.assert_frame_equal(getattr(after, table), getattr(before, table))
+        assert list(folder.rglob("*.partial")) != []
+        assert sweep(folder).run_ids == set(before.runs["run_id"])
+        assert list(folder.rglob("*.partial")) == []
+        for table in TABLES:
+            assert set(pd.read_parquet(folder / table)["run_id"]) == set(before.runs["run_id"])
+
+
+def test_a_full_disk_leaves_what_was_there(filled, tiny, tables, monkeypatch):
+    folder = filled(batches=((0, 1),))
+
+    def no_space(frame, path, **_):
+        path.write_bytes(b"PAR1")
+        raise OSError(28, "No space left on device")
+
+    writer = Writer(folder, tiny.cells)
+    writer.add(tables(tiny.cells[0], 2))
+    with monkeypatch.context() as patch:
+        patch.setattr(pd.DataFrame, "to_parquet", no_space)
+        with pytest.raises(SumoHmdpError, match=r"No space left on device.*make room and start again"):
+            writer.flush()
+    assert list(folder.rglob("*.partial")) == []
+    assert len(sumo_hmdp.load(folder).runs) == 8
+    # What could not be written still waits.
+    writer.flush()
+    assert len(sumo_hmdp.load(folder).runs) == 9
+
+
+def damage(file):
+    """Flip bytes in the middle: the file's end, with its table of contents, stays as it was."""
+    content = bytearray(file.read_bytes())
+    for at in range(len(content) // 4, len(content) // 4 + 40):
+        content[at] ^= 0xFF
+    file.write_bytes(bytes(content))
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("how", [damage, lambda file: file.write_bytes(b"no Parquet"), lambda file: file.unlink()])
+def test_a_damaged_file_is_named_and_its_runs_are_not_finished(filled, tiny, table, how):
+    folder = filled()
+    file = min((folder / table).glob("cell=*/*.parquet"))
+    lost = set(pd.read_parquet(folder / "runs" / file.relative_to(folder / table))["run_id"])
+    how(file)
+    if file.exists():
+        with pytest.raises(InputError, match=r"must be a whole Parquet file.*Delete it") as caught:
+            sumo_hmdp.load(folder)
+        assert str(file) in str(caught.value)
+    everything = {cell.run_id(seed) for cell in tiny.cells for seed in range(3)}
+    finished = sweep(folder)
+    assert finished.run_ids == everything - lost
+    if table != "runs" or file.exists():
+        assert len(finished.damaged) == (0 if table == "runs" and not file.exists() else 1)
+        assert table == "runs" or str(file) in finished.damaged[0]
+    assert len(sumo_hmdp.load(folder).runs) == 12 - len(lost)
+    assert sweep(folder).damaged == ()
+
+
+def test_the_hash_is_of_content_and_not_of_batches_or_clocks(filled, tiny, tables, tmp_path):
+    everything = frozenset(cell.run_id(seed) for cell in tiny.cells for seed in range(3))
+    one = study_hash(filled("one"), everything)
+    assert study_hash(filled("two", batches=((2,), (1,), (0,))), everything) == one
+    some = frozenset(list(everything)[:-1])
+    assert study_hash(tmp_path / "one", some) != one
+    folder = tmp_path / "three"
+    for column, value, same in (("wall_time_s", 99.0, True), ("gap_min_m", 1.0, False)):
+        with opened(folder):
+            writer = Writer(folder, tiny.cells)
+            for cell in tiny.cells:
+                for seed in range(3):
+                    table = tables(cell, seed)
+                    writer.add(RunTables(cell.id, {**table.row, column: value}, table.steps, table.decisions))
+            writer.flush()
+        assert (study_hash(folder, everything) == one) is same
+        shutil.rmtree(folder)
+
+
+def test_two_studies_do_not_share_a_folder(tmp_path):
+    with opened(tmp_path), pytest.raises(InputError, match="must not be in use"), opened(tmp_path):
+        pass
+    with opened(tmp_path):
+        pass
+
+
+def test_single_runs_and_studies_do_not_share_a_folder(tmp_path):
+    write_table(tmp_path, "runs", "a", pd.DataFrame({"run_id": ["a"]}))
+    with pytest.raises(InputError, match="single runs"), opened(tmp_path):
+        pass
+
+
+def test_other_versions_of_the_software_are_noticed(tiny, tmp_path, monkeypatch):
+    Writer(tmp_path, tiny.cells).describe_cells()
+    monkeypatch.setattr("sumo_hmdp.study.run.versions", lambda: {"sumo": "1.99"})
+    assert Writer(tmp_path, tiny.cells).describe_cells() == [cell.id for cell in tiny.cells]
+    assert Writer(tmp_path, tiny.cells).describe_cells() == []
+    assert '"versions_before"' in (tmp_path / "cells" / f"{tiny.cells[0].id}.json").read_text()
