@@ -70,7 +70,7 @@ class PredictionSettings:
     gains: LateralGains = field(default_factory=LateralGains)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Branches:
     """All retained branches of all vehicles: B rows, H steps, V vehicles.
 
