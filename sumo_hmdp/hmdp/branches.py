@@ -1,11 +1,11 @@
 """Branches: the action sequences of the surrounding vehicles that are likely enough, and where they lead.
 
-All vehicles are expanded together, one array row a branch, and pruned inside the recursion: a prefix goes as
-soon as even its best completion falls below the threshold, so no more rows ever live than branches survive.
+Branches are expanded one array row a branch and pruned inside the recursion: a prefix goes as soon as even its best
+completion falls below the threshold, so no more rows ever live than branches survive.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -70,7 +70,7 @@ class PredictionSettings:
     gains: LateralGains = field(default_factory=LateralGains)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Branches:
     """All retained branches of all vehicles: B rows, H steps, V vehicles.
 
@@ -112,11 +112,10 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     """
     H = settings.horizon_steps
     V = len(vehicles)
-    table = _policy_table(vehicles)
-    actions = _likely_sequences(vehicles, table, settings)
+    actions = _likely_sequences(vehicles, settings)
     B = len(actions.vehicle)
-    lane = np.array([v.state.lane for v in vehicles], dtype=np.int64)[actions.vehicle]
     mode = np.array([int(v.state.mode) for v in vehicles], dtype=np.int64)[actions.vehicle]
+    lane = np.array([v.state.lane for v in vehicles], dtype=np.int64)[actions.vehicle]
     x_now = np.array([v.state.x for v in vehicles], dtype=np.float64)[actions.vehicle]
     speed_now = np.array([v.state.speed for v in vehicles], dtype=np.float64)[actions.vehicle]
     laterals = _LATERAL_OF_ACTION[actions.sequences]
@@ -130,7 +129,7 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
             x_now, speed_now, settings.accel * mode_before.astype(np.float64), settings.period
         )
         x[:, k], speed[:, k] = x_now, speed_now
-    variances = np.array([position_variances(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
+    deviations = np.array([_position_deviations(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
     kept = np.bincount(actions.vehicle, weights=actions.probability, minlength=V) if V else np.zeros(0)
     return Branches(
         vehicles=tuple(vehicles),
@@ -141,7 +140,7 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
         modes=modes,
         x=x,
         speed=speed,
-        x_std=np.sqrt(variances),
+        x_std=deviations,
         pruned=np.clip(1.0 - kept, 0.0, 1.0),
     )
 
@@ -153,59 +152,71 @@ class _Sequences:
     sequences: IntArray  # (B, H) indices into ACTIONS
 
 
-def _policy_table(vehicles: Sequence[PredictedVehicle]) -> FloatArray:
-    """Stack the policies, shape (V, lanes, 3, 9)."""
-    if not vehicles:
-        return np.zeros((0, 1, 3, len(ACTIONS)))
-    return np.stack([action_probabilities(v.policy) for v in vehicles])
+def _likely_sequences(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> _Sequences:
+    """Return the sequences of all vehicles, one vehicle after the other (docs/formulation.md, eq. 7)."""
+    shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
+    trees = [_likely_from(v.policy, v.state.lane, int(v.state.mode), shared) for v in vehicles]
+    nothing = np.zeros((0, settings.horizon_steps), dtype=np.int64)
+    return _Sequences(
+        np.repeat(np.arange(len(trees)), [len(tree.probability) for tree in trees]),
+        np.concatenate([np.zeros(0), *(tree.probability for tree in trees)]),
+        np.concatenate([nothing, *(tree.sequences for tree in trees)]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    probability: FloatArray
+    sequences: IntArray  # (B, H) indices into ACTIONS
+
+
+# Vehicles in the same maneuver of which the same is believed have the same sequences.
+@lru_cache(maxsize=256)
+def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSettings) -> _Tree:
+    """Expand and prune the sequences from one maneuver."""
+    H = settings.horizon_steps
+    table = action_probabilities(policy)
+    likeliest = _completions(table, H)
+    usable = np.where(table >= max(settings.action_threshold * (1 - THRESHOLD_SLACK), np.nextafter(0, 1)), table, 0.0)
+    reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
+    lanes, modes, probability = np.array([lane - 1]), np.array([mode + 1]), np.ones(1)
+    threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
+    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one.
+    lonely = bool(reachable[H][lane - 1, mode + 1] < threshold)
+    allowed, best = (table, likeliest) if lonely else (usable, reachable)
+    history = np.zeros((1, 0), dtype=np.int64)
+    for k in range(H):
+        next_lane = np.clip(lanes[:, None] + _LATERAL_OF_ACTION, 0, table.shape[0] - 1)
+        next_mode = np.clip(modes[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
+        child = probability[:, None] * allowed[lanes, modes]
+        onward = best[H - 1 - k][next_lane, next_mode]
+        if lonely:
+            row, action = np.zeros(1, dtype=np.int64), (allowed[lanes, modes] * onward).argmax(axis=1)
+        else:
+            row, action = np.nonzero((child > 0) & (child * onward >= threshold))
+        history = np.column_stack([history[row], action])
+        probability = child[row, action]
+        lanes, modes = next_lane[row, action], next_mode[row, action]
+    return _Tree(probability, history)
 
 
 def _completions(table: FloatArray, steps: int) -> list[FloatArray]:
-    """Return for 0..steps remaining steps the probability of the likeliest way on, each of shape (V, lanes, 3)."""
-    V, lanes = table.shape[:2]
+    """Return for 0..steps remaining steps the probability of the likeliest way on, each of shape (lanes, 3)."""
+    lanes = table.shape[0]
     lane, mode = np.arange(lanes)[:, None, None], np.arange(3)[None, :, None]
     # Inadmissible actions have probability 0, so where their clipped successor points does not matter.
     next_lane = np.clip(lane + _LATERAL_OF_ACTION, 0, lanes - 1)
     next_mode = np.clip(mode + _MODE_CHANGE_OF_ACTION, 0, 2)
-    best = [np.ones((V, lanes, 3))]
+    best = [np.ones((lanes, 3))]
     for _ in range(steps):
-        best.append((table * best[-1][:, next_lane, next_mode]).max(axis=3))
+        best.append((table * best[-1][next_lane, next_mode]).max(axis=2))
     return best
 
 
-def _likely_sequences(
-    vehicles: Sequence[PredictedVehicle], table: FloatArray, settings: PredictionSettings
-) -> _Sequences:
-    """Expand and prune all vehicles together (docs/formulation.md, eq. 7)."""
-    H, V = settings.horizon_steps, len(vehicles)
-    likeliest = _completions(table, H)
-    usable = np.where(table >= max(settings.action_threshold * (1 - THRESHOLD_SLACK), np.nextafter(0, 1)), table, 0.0)
-    reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
-    vehicle = np.arange(V)
-    lane = np.array([v.state.lane - 1 for v in vehicles], dtype=np.int64)
-    mode = np.array([int(v.state.mode) + 1 for v in vehicles], dtype=np.int64)
-    probability = np.ones(V)
-    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one.
-    threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
-    lonely = reachable[H][vehicle, lane, mode] < threshold
-    history = np.zeros((V, 0), dtype=np.int64)
-    for k in range(H):
-        remaining = H - 1 - k
-        next_lane = np.clip(lane[:, None] + _LATERAL_OF_ACTION, 0, table.shape[1] - 1)
-        next_mode = np.clip(mode[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
-        child = probability[:, None] * usable[vehicle, lane, mode]
-        keep = (child > 0) & (child * reachable[remaining][vehicle[:, None], next_lane, next_mode] >= threshold)
-        alone = lonely[vehicle]
-        if alone.any():
-            onward = table[vehicle, lane, mode] * likeliest[remaining][vehicle[:, None], next_lane, next_mode]
-            keep[alone] = False
-            keep[alone, onward[alone].argmax(axis=1)] = True
-            child[alone] = probability[alone, None] * table[vehicle, lane, mode][alone]
-        row, action = np.nonzero(keep)
-        history = np.column_stack([history[row], action])
-        vehicle, probability = vehicle[row], child[row, action]
-        lane, mode = next_lane[row, action], next_mode[row, action]
-    return _Sequences(vehicle, probability, history)
+@lru_cache(maxsize=4096)
+def _position_deviations(noise: Noise, period: float, steps: int) -> FloatArray:
+    """Return the standard deviation of x after each step 1..H, shape (H,) [m]."""
+    return np.sqrt(position_variances(noise, period, steps))
 
 
 def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:

@@ -18,7 +18,7 @@ from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
 from sumo_hmdp.planning.decide import Answer, make_plan, shortfalls
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.occupancy import occupied_lanes, present_lanes, start_state, sweep_steps
+from sumo_hmdp.planning.occupancy import occupied_lanes, shares_lane, start_state, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import line_shortfalls
 
@@ -173,10 +173,7 @@ def _traffic_breach(problem: DecisionProblem, answer: Answer, sequence: Maneuver
         return None
     occupied = occupied_lanes(problem, branches)
     sweep, state = sweep_steps(problem), start_state(problem)
-    shares = np.array(
-        [bool(present_lanes(problem, v.state) & set(state.occupied)) for v in problem.vehicles], dtype=bool
-    )
-    shared: NDArray[np.bool_] = shares[branches.vehicle]
+    shared: NDArray[np.bool_] = shares_lane(problem, state)[branches.vehicle]
     is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
     ahead: NDArray[np.bool_] = is_ahead[branches.vehicle]
     missing_by_step = shortfalls(problem, plan, branches, answer.margin)

@@ -6,6 +6,7 @@ it leaves, it takes up that one as well.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import Branches, lateral_means
+from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lateral_means
+from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.problem import DecisionProblem, Occupancy
 
 # A body that only touches a line is not over the lane beyond it [m].
@@ -51,6 +53,27 @@ class LaneState:
         return LaneState(lane, tuple(sorted(leaving.items())))
 
 
+@dataclass(frozen=True)
+class LaneStep:
+    """The lane states that the ego can be in at the end of one step, S of them, and how it gets there.
+
+    Attributes:
+        states: by lane, then by what is left.
+        lane: (S,) the lane that each intends.
+        occupied: (S, lanes) which lanes each takes up.
+        before: (M,) of each possible move, the index of the state one step before.
+        after: (M,) of each possible move, the index of the state in `states`.
+        move: (S one step before, S) number of the move between two states, -1 where there is none.
+    """
+
+    states: tuple[LaneState, ...]
+    lane: IntArray
+    occupied: NDArray[np.bool_]
+    before: IntArray
+    after: IntArray
+    move: IntArray
+
+
 def quintic_share(progress: float) -> float:
     """Return 10 t^3 - 15 t^4 + 6 t^5, the share of a lane change that is done at a share of its time."""
     return progress**3 * (10 - 15 * progress + 6 * progress**2)
@@ -65,6 +88,7 @@ def quintic_progress(share: float) -> float:
     return (low + high) / 2
 
 
+@lru_cache(maxsize=64)
 def clearing_progress(road: Road, width: float) -> float:
     """Return the share of a lane change's time after which the body has left the old lane.
 
@@ -109,26 +133,81 @@ def start_state(problem: DecisionProblem) -> LaneState:
     return LaneState(ego.lane, tuple(leaving))
 
 
-def lane_states(problem: DecisionProblem) -> list[list[LaneState]]:
+def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
     """List the lane states that the ego can be in at the end of each step 0..H; forbidden lanes are left out."""
-    sweep = sweep_steps(problem)
-    allowed = {lane for lane in range(1, problem.road.lane_count + 1) if lane not in problem.settings.forbidden_lanes}
-    states = [[start_state(problem)]]
-    for _ in range(problem.settings.horizon_steps):
-        following = {state.after(lateral, sweep) for state in states[-1] for lateral in Lateral}
-        reachable = (state for state in following if state.lane in allowed)
-        states.append(sorted(reachable, key=lambda state: (state.lane, state.leaving)))
-    return states
+    settings = problem.settings
+    return _lane_steps(
+        start_state(problem),
+        sweep_steps(problem),
+        problem.road.lane_count,
+        settings.forbidden_lanes,
+        settings.horizon_steps,
+    )
+
+
+@lru_cache(maxsize=256)
+def _lane_steps(
+    start: LaneState, sweep: int, lane_count: int, forbidden: frozenset[int], horizon: int
+) -> tuple[LaneStep, ...]:
+    steps = [_lane_step((), (start,), sweep, lane_count)]
+    for _ in range(horizon):
+        before = steps[-1].states
+        following = {state.after(lateral, sweep) for state in before for lateral in Lateral}
+        reachable = (s for s in following if 1 <= s.lane <= lane_count and s.lane not in forbidden)
+        after = tuple(sorted(reachable, key=lambda state: (state.lane, state.leaving)))
+        steps.append(_lane_step(before, after, sweep, lane_count))
+    return tuple(steps)
+
+
+def _lane_step(before: tuple[LaneState, ...], after: tuple[LaneState, ...], sweep: int, lane_count: int) -> LaneStep:
+    number = {state: index for index, state in enumerate(after)}
+    moves = [
+        (i, number[following])
+        for i, state in enumerate(before)
+        for following in (state.after(lateral, sweep) for lateral in Lateral)
+        if following in number
+    ]
+    pairs = np.array(moves, dtype=np.int64).reshape(-1, 2)
+    move = np.full((len(before), len(after)), -1, dtype=np.int64)
+    move[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
+    occupied = np.zeros((len(after), lane_count), dtype=bool)
+    for row, state in zip(occupied, after, strict=True):
+        row[[lane - 1 for lane in state.occupied]] = True
+    lane = np.array([state.lane for state in after], dtype=np.int64)
+    return LaneStep(after, lane, occupied, pairs[:, 0], pairs[:, 1], move)
+
+
+def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]:
+    """Tell which vehicles take up any lane of a lane state now, shape (V,)."""
+    vehicles = [v.state for v in problem.vehicles]
+    lanes = np.array(state.occupied)
+    shares: NDArray[np.bool_] = np.array([v.lane for v in vehicles], dtype=np.int64)[:, None] == lanes
+    if problem.settings.occupancy is Occupancy.SWEPT:
+        y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
+        shares = shares | _bodies_over(problem.road, y, widths)[:, lanes - 1]
+    return np.asarray(shares.any(axis=1))
 
 
 def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
-    """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes)."""
-    lanes = np.arange(1, problem.road.lane_count + 1)
-    occupied: NDArray[np.bool_] = branches.lanes[:, :, None] == lanes
-    if problem.settings.occupancy is Occupancy.SWEPT:
-        y = lateral_means(branches, problem.road, problem.settings.prediction())
-        centers = np.array([problem.road.center_y(int(lane)) for lane in lanes])
+    """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes); not to be written to."""
+    return _occupied_lanes(branches, problem.road, problem.settings.occupancy, problem.settings.prediction())
+
+
+# Everybody who works on one decision asks for it.
+@lru_cache(maxsize=4)
+def _occupied_lanes(
+    branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings
+) -> NDArray[np.bool_]:
+    occupied: NDArray[np.bool_] = branches.lanes[:, :, None] == np.arange(1, road.lane_count + 1)
+    if occupancy is Occupancy.SWEPT:
         widths = np.array([v.state.width for v in branches.vehicles])[branches.vehicle]
-        reach = (problem.road.lane_width + widths[:, None, None]) / 2 - BODY_TOLERANCE
-        occupied |= np.abs(y[:, :, None] - centers) < reach
+        occupied |= _bodies_over(road, lateral_means(branches, road, prediction), widths[:, None])
+    occupied.flags.writeable = False
     return occupied
+
+
+def _bodies_over(road: Road, y: FloatArray, width: FloatArray) -> NDArray[np.bool_]:
+    """Tell which lanes bodies at y [m] are over; the shape of y, with the lanes as one more axis."""
+    centers = np.array([road.center_y(lane) for lane in range(1, road.lane_count + 1)])
+    reach = (road.lane_width + width) / 2 - BODY_TOLERANCE
+    return np.asarray(np.abs(y[..., None] - centers) < reach[..., None])

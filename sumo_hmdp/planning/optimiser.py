@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, Corridors
+from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
@@ -15,6 +15,7 @@ from sumo_hmdp.planning.milp import Shape
 from sumo_hmdp.planning.milp_terms import LATERALS, MODES
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
+from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 FloatArray = NDArray[np.float64]
 

@@ -14,11 +14,12 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.corridors import UNIT_TOLERANCE, BoolArray, Corridors, Stage
+from sumo_hmdp.planning.corridors import Corridors, Stage
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import stopping_distance
+from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
 
 Maneuver = tuple[Lateral, Mode]
 

@@ -37,7 +37,7 @@ DIMENSIONLESS = {
     # The numbers of a distribution have the unit of the key that it stands under.
     "max", "mean", "min", "share", "std",
     # Vehicles a kilometre, or an hour, and lane.
-    "density_vpkm_per_lane", "flow_vph_per_lane",
+    "density_vpkm_per_lane", "flow_vph_per_lane", "ramp_flow_vph", "side_flow_vph",
 }  # fmt: skip
 OPTIONS = {
     "planner",
