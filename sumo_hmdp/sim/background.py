@@ -293,7 +293,8 @@ class Background:
         lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
         inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
         inside[inside] = np.take_along_axis(self._network.lane_exists(x[inside]), lane[inside][:, None] - 1, 1)[:, 0]
-        return rows[inside]
+        along: IntArray = rows[inside]
+        return along
 
     def states(self, x: float, reach: float) -> list[VehicleState]:
         """Return who drives along the road within `reach` of `x` [m], in the lane of its front centre, at cruise."""

@@ -46,6 +46,8 @@ DIMENSIONLESS = {
     "max", "mean", "min", "share", "std",
     # Vehicles a kilometre, or an hour, and lane.
     "density_vpkm_per_lane", "flow_vph_per_lane",
+    # Vehicles an hour.
+    "ramp_flow_vph", "side_flow_vph",
 }  # fmt: skip
 OPTIONS = {
     "planner",
