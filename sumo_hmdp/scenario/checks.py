@@ -1,11 +1,12 @@
 """Checks of a scenario that take more than one key, and where networks and scenarios are found."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.hmdp.policy import dead_end
@@ -15,6 +16,7 @@ from sumo_hmdp.scenario.schema import (
 )
 from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
+from sumo_hmdp.traffic.demand import CROWD_PREFIX
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
 
 
@@ -92,6 +94,13 @@ def dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
                 if stuck is not None:
                     yield dead_end_problem(f"vehicles[{index}].policy[{i}]", stuck)
                     break
+    if scenario.traffic is not None:
+        belief = scenario.traffic.belief.policy(scenario.lanes.count)
+        # Any lane and any mode may be read from a vehicle's motion.
+        read = (ManeuverState(lane, mode) for lane in range(1, scenario.lanes.count + 1) for mode in Mode)
+        found = next((stuck for state in read if (stuck := dead_end(belief, state, horizon)) is not None), None)
+        if found is not None:
+            yield dead_end_problem("traffic.belief", found)
 
 
 def time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
@@ -116,34 +125,62 @@ def crowd_checks(scenario: ScenarioFile, *, sumo_drives: bool) -> Iterator[Probl
         yield from traffic.problems(scenario.lanes.count, scenario.dt_s)
         belief = traffic.belief
         yield from table_checks(belief.model_dump(), "traffic.belief", scenario.lanes.count)
+        for index, vehicle in enumerate(scenario.vehicles):
+            if vehicle.id.startswith(CROWD_PREFIX):
+                message = (
+                    f"must not begin with {CROWD_PREFIX}, as background vehicles do, got {vehicle.id!r}; rename it"
+                )
+                yield Problem(f"vehicles[{index}].id", message)
         duration, ego_time = traffic.lane_changes.duration_s, scenario.ego.lane_change_time_s
         if sumo_drives and duration != ego_time:
             message = (
                 f"must equal ego.lane_change_time_s ({ego_time:g} s) where SUMO drives the ego, got {duration:g} s"
             )
             yield Problem("traffic.lane_changes.duration_s", message)
+    if scenario.noise_scale != 1.0 and not scenario.noise:
+        message = f"must go with `noise: true`, got {scenario.noise_scale:g} without; add the one or remove the other"
+        yield Problem("noise_scale", message)
     if scenario.noise and "hmdp_mpc" not in scenario.planners:
         yield Problem("planners.hmdp_mpc", "is missing; add it, since `noise` draws the vehicles from its model")
 
 
+def network_checks(net_file: Path, road: Road) -> Iterator[Problem]:
+    """Check that the network can be read, and that it is the scenario's road."""
+    try:
+        read_network(net_file, road)
+    except InputError as error:
+        where = {"lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "network"}
+        yield from _named(error.problems, where)
+
+
 def start_checks(world: WorldSettings, ego: VehicleState, spawns: tuple[Spawn, ...], planner: str) -> Iterator[Problem]:
-    """Check that road and network agree, and that everybody starts on the road and in nobody else."""
-    where = {"ego": "ego.x_m", "dt": "dt_s", "lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "vehicles"}
+    """Check that everybody starts on the road and in nobody else; the network has been checked."""
+    where = {"ego": "ego.x_m", "ego.lane": "ego.lane", "dt": "dt_s", "": "vehicles"}
     for index, spawn in enumerate(spawns):
         where[f"vehicle {spawn.id}"] = f"vehicles[{index}].x_m"
+        where[f"vehicle {spawn.id}.lane"] = f"vehicles[{index}].lane"
         where[f"vehicles[{index}].desired_speed"] = f"vehicles[{index}].driver.desired_speed_mps"
     where["ego.desired_speed"] = f"planners.{planner}.desired_speed_mps"
-    try:
-        problems = [
-            *world_problems(world, ego, ()),
-            *spawn_problems(spawns, world.road, "vehicles"),
-            *start_problems(read_network(world.net_file, world.road), ego, spawns, world.dt),
-        ]
-    except InputError as error:
-        where[""] = "network"
-        problems = list(error.problems)
+    problems = [
+        *world_problems(world, ego, ()),
+        *spawn_problems(spawns, world.road, "vehicles"),
+        *start_problems(read_network(world.net_file, world.road), ego, spawns, world.dt),
+    ]
+    yield from _named(problems, where)
+
+
+def goal_checks(world: WorldSettings, ego: VehicleState, goal_x: float | None) -> Iterator[Problem]:
+    """Check that the ego can drive to where the run shall end."""
+    end = read_network(world.net_file, world.road).x_end
+    if goal_x is not None and not ego.x < goal_x < end:
+        message = f"must be ahead of the ego's start at {ego.x:g} m and before the road's end at {end:g} m"
+        yield Problem("ego.goal_x_m", f"{message}, got {goal_x:g} m; move it, or leave it out")
+
+
+def _named(problems: Iterable[Problem], where: Mapping[str, str]) -> Iterator[Problem]:
+    """Return problems with the places in the scenario file that they come from."""
     # A problem of the road stands once a lane, and the message repeats what the path says already.
-    for path, message in {problem.path: problem.message for problem in reversed(problems)}.items():
+    for path, message in {problem.path: problem.message for problem in reversed([*problems])}.items():
         text = message[max(0, message.find("must")) :] if path in where and path else message
         yield Problem(where.get(path, path), text)
 

@@ -8,10 +8,10 @@ from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.scenario.schema import EgoFile
 from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.sim.libsumo_world import warm_up
-from sumo_hmdp.sim.network import Ramp, SideEntry, read_network
+from sumo_hmdp.sim.network import Network, Ramp, SideEntry, read_network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.world_checks import WorldSettings
-from sumo_hmdp.traffic.demand import Demand, arrivals, initial_population, to_spawn
+from sumo_hmdp.traffic.demand import CROWD_PREFIX, Demand, arrivals, initial_population, to_spawn
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.traffic.streams import stream
 
@@ -19,6 +19,8 @@ from sumo_hmdp.traffic.streams import stream
 _ENTRY_SPEED = 12.0
 # An exit nearer ahead than this is not drawn: nobody could change lanes for it in time [m].
 _EXIT_SIGHT = 200.0
+# An ego that takes a vehicle's place farther from where it was put is somewhere else [m].
+_EGO_REACH = 500.0
 # Entries have numbers of their own among the streams of the lanes.
 _ENTRY_STREAM = 100
 
@@ -75,7 +77,12 @@ def _warm(
     inflow_time: float,
 ) -> tuple[Spawn, ...]:
     routes = Routes(read_network(world.net_file, world.road))
-    _require_ways(routes, flows)
+    problems = [
+        *_missing_ways(routes, flows),
+        *_misplaced(routes.network, lanes, stretch, max(kind.length for kind in demand.classes)),
+    ]
+    if problems:
+        raise InputError(problems)
     present = initial_population(demand, lanes, *stretch, world.seed)
     later = arrivals(demand, lanes, stretch[0], inflow_time, world.seed)
     spawns = [
@@ -86,21 +93,36 @@ def _warm(
     return warm_up(world, tuple(_with_exits(routes, flows.exit_share, spawns, world.seed)), warm_up_time)
 
 
-def _require_ways(routes: Routes, flows: Flows) -> None:
-    """Refuse flows for which the network has no way."""
+def _missing_ways(routes: Routes, flows: Flows) -> Iterator[Problem]:
+    """Yield flows for which the network has no way."""
     network = routes.network
     wanted = (
         ("ramp_flow_vph", flows.ramp is not None, network.on_ramps, "an on-ramp"),
         ("side_flow_vph", flows.side is not None, network.side_entries, "a side street"),
         ("exit_share", flows.exit_share > 0.0, routes.exits, "an off-ramp or a turn"),
     )
-    problems = [
-        Problem(f"traffic.{key}", f"must go with a network that has {what}; leave it out or change the network")
-        for key, asked, ways, what in wanted
-        if asked and not ways
-    ]
-    if problems:
-        raise InputError(problems)
+    for key, asked, ways, what in wanted:
+        if asked and not ways:
+            message = f"must go with a network that has {what}; leave it out or change the network"
+            yield Problem(f"traffic.{key}", message)
+
+
+def _misplaced(
+    network: Network, lanes: Sequence[int], stretch: tuple[float, float], longest: float
+) -> Iterator[Problem]:
+    """Yield traffic where there is no road, or no lane."""
+    low, high = network.x_begin + longest, network.x_end
+    if not (low <= stretch[0] and stretch[1] <= high):
+        message = f"must be within {low:g}..{high:g} m, where whole vehicles are on the road, got {list(stretch)}"
+        yield Problem("traffic.stretch_m", message)
+        return
+    for lane in lanes:
+        edges = (part for part in network.stretches if part.edge is not None)
+        inside = (part for part in edges if part.x_begin < stretch[1] and part.x_end > stretch[0])
+        gap = next((part for part in inside if not part.lanes[lane - 1]), None)
+        if gap is not None:
+            message = f"must be lanes that exist all along stretch_m, got {lane}, which does not at {gap.x_begin:g} m"
+            yield Problem("traffic.lanes", f"{message}; list the others")
 
 
 def _entering(routes: Routes, flows: Flows, duration: float, seed: int) -> Iterator[Spawn]:
@@ -113,7 +135,7 @@ def _entering(routes: Routes, flows: Flows, duration: float, seed: int) -> Itera
         for vehicle in arrivals(demand, [key], 0.0, duration, seed):
             yield replace(
                 to_spawn(vehicle),
-                id=vehicle.id.replace(f"bg-{key}-in", f"bg-{entry.name}"),
+                id=vehicle.id.replace(f"{CROWD_PREFIX}{key}-in", CROWD_PREFIX + entry.name),
                 lane=entry.lanes[0] if isinstance(entry, SideEntry) else entry.lane,
                 speed=min(vehicle.speed, _ENTRY_SPEED),
                 driver=DriverKind.BACKGROUND,
@@ -154,4 +176,7 @@ def ego_start(ego: EgoFile, crowd: Sequence[Spawn]) -> tuple[Spawn, tuple[Spawn,
         message = f"must be in a lane with background traffic, got lane {ego.lane}; change ego.lane or the traffic"
         raise InputError([Problem("ego.in_traffic", message)])
     replaced = min(there, key=lambda spawn: (abs(spawn.x - ego.x_m), spawn.id))
+    if abs(replaced.x - ego.x_m) > _EGO_REACH:
+        message = f"must be within {_EGO_REACH:g} m of a vehicle in lane {ego.lane}, got {ego.x_m:g} m; the nearest is"
+        raise InputError([Problem("ego.x_m", f"{message} at {replaced.x:.0f} m. Move it or the traffic")])
     return replaced, tuple(spawn for spawn in crowd if spawn is not replaced)

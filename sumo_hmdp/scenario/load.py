@@ -19,7 +19,9 @@ from sumo_hmdp.scenario.checks import (
     crowd_checks,
     data_folder,
     dead_ends,
+    goal_checks,
     lane_count,
+    network_checks,
     network_path,
     planner_lane_checks,
     start_checks,
@@ -162,10 +164,16 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(time_checks(scenario, name, parameters))
     problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
+    network = network_path(scenario.network, path.parent)
+    problems.extend(network_checks(network, Road(scenario.lanes.count, scenario.lanes.width_m)))
     if problems:
         raise InputError(problems, str(path))
-    ready = _assemble(scenario, name, parameters, options, network_path(scenario.network, path.parent))
+    try:
+        ready = _assemble(scenario, name, parameters, options, network)
+    except InputError as error:
+        raise InputError(error.problems, str(path)) from None
     problems.extend(start_checks(ready.world, ready.episode.ego, ready.spawns, ready.planner_name))
+    problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
     return ready

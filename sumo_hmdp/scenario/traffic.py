@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.errors import Problem
 from sumo_hmdp.hmdp.policy import ScheduledPolicy
 from sumo_hmdp.planning.planner import Belief
 from sumo_hmdp.planning.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
@@ -55,6 +55,18 @@ class ClassFile(FileModel):
     accel_mps2: Positive = 1.4
     decel_mps2: Positive = 2.0
     exponent: Positive = 4.0
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong with the distributions."""
+        for key in ("desired_speed_mps", "time_gap_s", "politeness"):
+            spread: SpreadFile = getattr(self, key)
+            if not spread.min <= spread.mean <= spread.max:
+                message = f"must have min <= mean <= max, got {spread.min:g}, {spread.mean:g} and {spread.max:g}"
+                yield Problem(key, f"{message}; move the mean or the limits")
+            if key == "politeness" and spread.min < 0.0:
+                yield Problem(f"{key}.min", f"must be at least 0, got {spread.min:g}; raise it")
+            if key != "politeness" and spread.min <= 0.0:
+                yield Problem(f"{key}.min", f"must be above 0, got {spread.min:g}; raise it")
 
     def vehicle_class(self) -> VehicleClass:
         """Return the class as the demand uses it."""
@@ -153,12 +165,12 @@ class TrafficFile(FileModel):
             dt: the scenario's step [s].
         """
         if self.stretch_m[0] >= self.stretch_m[1]:
-            yield Problem("traffic.stretch_m", f"must be [from, to] with from < to, got {self.stretch_m}")
+            yield Problem("traffic.stretch_m", f"must be [from, to] with from < to, got {self.stretch_m}; swap them")
         for index, lane in enumerate(self.lanes or ()):
             if not 1 <= lane <= lane_count:
-                yield Problem(f"traffic.lanes[{index}]", f"must be 1..{lane_count}, got {lane}")
+                yield Problem(f"traffic.lanes[{index}]", f"must be 1..{lane_count}, got {lane}; take it out")
         if self.lanes is not None and len(set(self.lanes)) < len(self.lanes):
-            yield Problem("traffic.lanes", f"must name a lane once, got {self.lanes}")
+            yield Problem("traffic.lanes", f"must name a lane once, got {self.lanes}; take one out")
         steps = self.warm_up_s / dt
         if abs(steps - round(steps)) > 1e-6:
             yield Problem("traffic.warm_up_s", f"must be a multiple of dt_s ({dt:g} s), got {self.warm_up_s:g} s")
@@ -166,17 +178,15 @@ class TrafficFile(FileModel):
 
     def _demand_problems(self) -> Iterator[Problem]:
         """Yield what is wrong with the classes, then with how much traffic they are to be."""
-        classes: list[VehicleClass] = []
-        for index, kind in enumerate(self.classes or ()):
-            try:
-                classes.append(kind.vehicle_class())
-            except InputError as error:
-                for problem in error.problems:
-                    yield Problem(f"traffic.classes[{index}].{problem.path}".rstrip("."), problem.message)
-        if self.classes is None:
-            classes = list(POPULATIONS[self.population])
-        elif len(classes) < len(self.classes):
+        spreads = [
+            Problem(f"traffic.classes[{index}].{problem.path}", problem.message)
+            for index, kind in enumerate(self.classes or ())
+            for problem in kind.problems()
+        ]
+        yield from spreads
+        if spreads:
             return
+        classes = self._classes()
         mistakes = list(class_problems(classes))
         yield from (Problem("traffic.classes", mistake.message) for mistake in mistakes)
         if mistakes:
@@ -184,9 +194,8 @@ class TrafficFile(FileModel):
         lane = Lane.of([mean_traits(classes)])
         density, flow = self.density_vpkm_per_lane, self.flow_vph_per_lane
         if (density is None) == (flow is None):
-            yield Problem(
-                "traffic", f"must have one of density_vpkm_per_lane and flow_vph_per_lane, got {density} and {flow}"
-            )
+            remedy = "neither; add one" if density is None else "both; remove one"
+            yield Problem("traffic", f"must have one of density_vpkm_per_lane and flow_vph_per_lane, got {remedy}")
         elif density is not None and density * _PER_KM >= lane.jam_density:
             limit = f"{lane.jam_density / _PER_KM:.1f} vehicles/km, where its vehicles stand"
             message = f"must be below the jam density of a lane, {limit}, got {density:g}; lower it"

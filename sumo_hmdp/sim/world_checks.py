@@ -80,15 +80,19 @@ def start_problems(network: Network, ego: VehicleState, others: Sequence[Spawn],
     problems = []
     starts: dict[str, VehicleState | Spawn] = {
         "ego": ego,
-        **{f"vehicle {spawn.id}": spawn for spawn in others},
+        # Who comes by a ramp is not on the road yet.
+        **{f"vehicle {spawn.id}": spawn for spawn in others if spawn.entry is None},
     }
     for where, start in starts.items():
         first = network.x_begin + start.length
         if not first <= start.x < network.x_end:
             message = f"x must be at least {first} and below {network.x_end} m, got {start.x} m."
             problems.append(Problem(where, f"{message} The whole vehicle must be on the road."))
-    if not network.holds(network.x_begin, ego.y):
-        problems.append(Problem("ego", f"y must be on the road, got {ego.y} m."))
+        elif isinstance(start, Spawn) and not network.lane_exists(start.x)[start.lane - 1]:
+            problems.append(Problem(f"{where}.lane", f"lane must exist at x = {start.x} m, got {start.lane}."))
+        elif isinstance(start, VehicleState) and not network.holds(start.x, start.y):
+            message = f"lane must exist at x = {start.x} m, got y = {start.y} m. Change the lane or x."
+            problems.append(Problem("ego.lane", message))
     states = [spawn_state(spawn, network.road) for spawn in others if entry_step(spawn, dt) == 0]
     for i, state in enumerate((ego, *states)):
         for contact in contacts(state, states[i:]):

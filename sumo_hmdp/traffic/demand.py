@@ -19,6 +19,9 @@ from sumo_hmdp.traffic.drivers import Traits, VehicleClass, class_problems, draw
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.traffic.theory import Lane, fundamental_diagram
 
+# Ids of all background vehicles begin so.
+CROWD_PREFIX = "bg-"
+
 
 class _Stream(IntEnum):
     """What is drawn; the numbers are part of every result and must never change."""
@@ -243,7 +246,7 @@ def _lane_population(demand: Demand, lane: int, x_from: float, x_to: float, seed
         else:
             x = ahead.x - ahead.traits.length - gap
             speed = _comfortable_speed(one, float(wish), gap, ahead.speed)
-        ahead = BackgroundVehicle(f"bg-{lane}-{index:03d}", lane, x, speed, one)
+        ahead = BackgroundVehicle(f"{CROWD_PREFIX}{lane}-{index:03d}", lane, x, speed, one)
         yield ahead
 
 
@@ -267,7 +270,7 @@ def _lane_arrivals(
         if time >= duration:
             return
         speed = _comfortable_speed(one, min(mean_speed, one.desired_speed), gap, ahead.speed)
-        ahead = BackgroundVehicle(f"bg-{lane}-in-{index:03d}", lane, x_entry, speed, one, time)
+        ahead = BackgroundVehicle(f"{CROWD_PREFIX}{lane}-in-{index:03d}", lane, x_entry, speed, one, time)
         yield ahead
         index += 1
 

@@ -141,7 +141,7 @@ def class_problems(classes: Sequence[VehicleClass]) -> Iterator[Problem]:
     total = math.fsum(kind.share for kind in classes)
     if abs(total - 1.0) > _SAME:
         yield Problem(
-            "classes", f"shares must sum to 1, got {total} ({', '.join(names) or 'no class'}). Change a share."
+            "classes", f"shares must sum to 1, got {total:.9g} ({', '.join(names) or 'no class'}). Change a share."
         )
     if len(set(names)) != len(names):
         yield Problem("classes", f"class names must differ, got {', '.join(names)}. Rename one.")
