@@ -192,8 +192,8 @@ def test_the_planner_hands_lines_on_and_shows_them():
     scene = Scene(0.0, asked.road, asked.ego, (), asked.stop_lines)
     assert planner.problem(scene).stop_lines == asked.stop_lines
     decision, _ = planner.decide(scene, None)
-    assert decision.forbidden == tuple(ForbiddenInterval(k, 2, 120.0, 212.0) for k in (1, 2))
-    assert '"stop_lines": [{"lanes": [2], "x_m": 120.0}]' in decision.problem_json
+    assert decision.evidence.forbidden() == tuple(ForbiddenInterval(k, 2, 120.0, 212.0) for k in (1, 2))
+    assert '"stop_lines": [{"lanes": [2], "x_m": 120.0}]' in decision.evidence.problem_json()
 
 
 def follow_plan(asked, found, ahead=0.0):
