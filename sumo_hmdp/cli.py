@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sumo_hmdp.cli_study import INTERRUPTED, add_commands
+from sumo_hmdp import cli_study, cli_watch
+from sumo_hmdp.cli_study import INTERRUPTED
 from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
 
@@ -335,4 +336,5 @@ def list_all() -> None:
     typer.echo(f"solvers: {', '.join(SOLVERS)}")
 
 
-add_commands(app)
+cli_study.add_commands(app)
+cli_watch.add_commands(app)

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
@@ -19,6 +20,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
+from sumo_hmdp.sim import window
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
@@ -30,7 +32,12 @@ from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
-import libsumo
+# `sumo-hmdp watch` shows the run in SUMO's window, over TraCI, which has the same functions.
+_IN_WINDOW = window.DELAY in os.environ
+if _IN_WINDOW:
+    import traci as libsumo
+else:
+    import libsumo
 
 _ROUTE = "along"
 _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
@@ -241,6 +248,8 @@ class LibsumoWorld:
         self._insert_due(start)
         _simulate(self.time)
         self._checked_ego(start)
+        if _IN_WINDOW:
+            window.follow_ego(libsumo)
         if driver is not None:
             self._let_change_lanes(driver)
         self._on_road = self._read()
@@ -378,13 +387,15 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
 @contextmanager
 def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others: Iterable[Spawn]) -> Iterator[None]:
     """Start SUMO with the vehicle types of a run and an empty road, and end it whatever happens."""
-    if libsumo.isLoaded():
+    if not _IN_WINDOW and libsumo.isLoaded():
         raise SimulationError("a process must have one world open at a time, got two. Close the first.")
     with tempfile.TemporaryDirectory(prefix="sumo-hmdp-") as folder:
         types_file = Path(folder) / "types.add.xml"
         types_file.write_text(vehicle_types(ego, others, settings.dt, settings.ego_driver))
         try:
             command = sumo_command(settings.net_file, types_file, settings.dt, settings.seed, settings.lane_change_time)
+            if _IN_WINDOW and ego is not None:
+                command = window.command(command)
             try:
                 libsumo.start(command)
             except _SUMO_ERRORS as error:
@@ -474,7 +485,7 @@ def _read_vehicle(spawn: Spawn | VehicleState, road: Road) -> VehicleState:
 
 def _close() -> None:
     """End SUMO; a move that no step follows would corrupt the next run of the process, so step once more."""
-    if libsumo.isLoaded():
+    if _IN_WINDOW or libsumo.isLoaded():
         try:
             with suppress(*_SUMO_ERRORS):
                 libsumo.simulationStep()
@@ -484,4 +495,4 @@ def _close() -> None:
 
 def sumo_version() -> str:
     """Return SUMO's version, such as `SUMO 1.28.0`."""
-    return str(libsumo.getVersion()[1])
+    return f"SUMO {version('traci')}" if _IN_WINDOW else str(libsumo.getVersion()[1])

@@ -50,6 +50,7 @@ OPTIONS = {
     "help",
     "version",
     "explain",
+    "delay-ms",
     "figure",
     "workers",
     "dask",
