@@ -146,7 +146,7 @@ class HmdpPlanner:
                 f"every vehicle in range must have a policy, got none for {state.id!r} (at {now:g} s). "
                 "Give it one in the scenario, in `vehicles` or for all in `traffic.belief`."
             )
-        if maneuver is not None:
+        if maneuver is not None and (maneuver.lane, maneuver.mode) != (state.lane, state.mode):
             state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
         return PredictedVehicle(state, belief.policy.at(now), belief.noise)
 

@@ -109,6 +109,7 @@ class Background:
         self._arrives = np.full(count, -math.inf)
         self._waiting = sorted(range(count), key=lambda row: (spawns[row].time, spawns[row].id))
         self.active: IntArray = np.empty(0, dtype=np.int64)
+        self._on_road: IntArray | None = None
         self.contacts: set[tuple[str, str]] = set()
         self.change_count = 0
 
@@ -145,6 +146,7 @@ class Background:
                 self._arrives[row] = time if time > 0.0 else -math.inf
         self._waiting = still_waiting
         if entered:
+            self._on_road = None
             self.active = np.concatenate([self.active, np.array(entered, dtype=np.int64)])
 
     def _admitted(self, spawn: Spawn) -> Spawn | None:
@@ -259,7 +261,7 @@ class Background:
         gone = [self._row[name] for name in self._sumo.simulation.getArrivedIDList() if name in self._row]
         if gone:
             self.active = self.active[~np.isin(self.active, gone)]
-        rows = self.active
+        rows, self._on_road = self.active, None
         position, speed = self._sumo.vehicle.getPosition, self._sumo.vehicle.getSpeed
         names = [self._spawns[row].id for row in rows.tolist()]
         self._last = np.stack([self._x, self._y, self._speed])
@@ -287,14 +289,18 @@ class Background:
 
     def on_road(self) -> IntArray:
         """Return the rows of those who drive along the road, in a lane of it; others are on ramps or cross it."""
+        if self._on_road is None:
+            self._on_road = self._find_on_road()
+        return self._on_road
+
+    def _find_on_road(self) -> IntArray:
         # Who comes by a ramp is nowhere before it has been read once.
         rows = self.active[np.isfinite(self._x[self.active])]
         x, y = self._x[rows], self._y[rows]
         lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
         inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
         inside[inside] = np.take_along_axis(self._network.lane_exists(x[inside]), lane[inside][:, None] - 1, 1)[:, 0]
-        along: IntArray = rows[inside]
-        return along
+        return np.asarray(rows[inside], dtype=np.int64)
 
     def states(self, x: float, reach: float) -> list[VehicleState]:
         """Return who drives along the road within `reach` of `x` [m], in the lane of its front centre, at cruise."""

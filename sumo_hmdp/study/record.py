@@ -53,6 +53,9 @@ WALL_CLOCK_COLUMNS = (
     "wall_time_s",
 )
 
+# A property of an enumeration is slow to ask for every vehicle at every instant.
+_LABEL = {mode: mode.label for mode in Mode}
+
 
 class Trace(StrEnum):
     """Which vehicles the `steps` table keeps."""
@@ -80,7 +83,7 @@ class Recorder:
     Attributes:
         run_id: the run's name.
         detailed: whether to write down what decisions rest on: branches, forbidden intervals, problems.
-        steps: rows of all vehicles.
+        steps: rows of all vehicles, one value a column of `STEP_COLUMNS`.
         decisions: rows.
         documents: each decision's problem in its file form, None where the planner has none.
         contacts: descriptions of the ego's contacts.
@@ -95,7 +98,7 @@ class Recorder:
 
     run_id: str
     detailed: bool = True
-    steps: list[dict[str, Any]] = field(default_factory=list)
+    steps: list[tuple[Any, ...]] = field(default_factory=list)
     decisions: list[dict[str, Any]] = field(default_factory=list)
     documents: list[str | None] = field(default_factory=list)
     contacts: list[str] = field(default_factory=list)
@@ -138,23 +141,11 @@ class Recorder:
         """Return the `decisions` table."""
         return pd.DataFrame(self.decisions, columns=list(DECISION_COLUMNS)).astype(DECISION_COLUMNS)
 
-    def _step_row(self, step: int, time: float, vehicle: VehicleState, lane: int) -> dict[str, Any]:
-        return {
-            "run_id": self.run_id,
-            "step": step,
-            "time_s": time,
-            "vehicle_id": vehicle.id,
-            "x_m": vehicle.x,
-            "y_m": vehicle.y,
-            "heading_rad": vehicle.heading,
-            "speed_mps": vehicle.speed,
-            "accel_mps2": vehicle.accel,
-            "lane": lane,
-            "intended_lane": vehicle.lane,
-            "mode": vehicle.mode.label,
-            "length_m": vehicle.length,
-            "width_m": vehicle.width,
-        }
+    def _step_row(self, step: int, time: float, vehicle: VehicleState, lane: int) -> tuple[Any, ...]:
+        return (
+            self.run_id, step, time, vehicle.id, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, vehicle.accel,
+            lane, vehicle.lane, _LABEL[vehicle.mode], vehicle.length, vehicle.width,
+        )  # fmt: skip
 
     def _decision_row(self, decision: Decision, ego: VehicleState) -> dict[str, Any]:
         evidence = decision.evidence if self.detailed else None

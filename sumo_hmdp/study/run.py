@@ -73,18 +73,25 @@ def run_id_of(run: ReadyRun) -> str:
     return "-".join([*parts, f"seed{run.seed}"])
 
 
-def execute(run: ReadyRun, on_moment: Callable[[Moment], None] | None = None, run_id: str | None = None) -> RunRecord:
+def execute(
+    run: ReadyRun,
+    on_moment: Callable[[Moment], None] | None = None,
+    run_id: str | None = None,
+    *,
+    detailed: bool = True,
+) -> RunRecord:
     """Simulate a run; a failure or an interruption ends it early but never loses its record.
 
     Args:
         run: the run.
         on_moment: called with every instant, for progress.
         run_id: its name; None takes that of a single run.
+        detailed: whether to write down what decisions rest on: branches, forbidden intervals, problems.
 
     Raises:
         InputError: if the run cannot even start for a mistake in its input.
     """
-    recorder = Recorder(run_id or run_id_of(run))
+    recorder = Recorder(run_id or run_id_of(run), detailed)
     started = datetime.now(tz=UTC)
     status, reason, trace = RunStatus.COMPLETED, "", ""
     disputed: str | None = None

@@ -87,7 +87,7 @@ class Outcome:
 def run_job(job: Job) -> Outcome:
     """Do a run; whatever goes wrong is in what it returns."""
     try:
-        record = execute(job.ready(), run_id=job.run_id)
+        record = execute(job.ready(), run_id=job.run_id, detailed=job.trace is Trace.ALL)
     except Exception as error:  # noqa: BLE001 - a run that cannot start must not end the others
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(job.run_id, RunStatus.FAILED, text, traceback=traceback.format_exc())

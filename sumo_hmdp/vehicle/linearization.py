@@ -71,10 +71,13 @@ def nominal_states(
     shares = np.divide(-np.expm1(-distances), distances, out=np.ones_like(distances), where=distances > 0)
     gear = parameters.wheelbase / parameters.rear_axle_to_front_bumper
     max_slip = math.atan(math.tan(parameters.max_steering_angle) / gear)
-    slips = np.empty_like(samples.heading)
-    slips[0] = np.clip(samples.heading[0] - state.heading, -max_slip, max_slip)
-    for k, turn in enumerate(np.diff(samples.heading)):
-        slips[k + 1] = np.clip(slips[k] * decays[k] + turn * shares[k], -max_slip, max_slip)
+    # Numbers of Python: NumPy's are slow one by one.
+    slip = min(max(float(samples.heading[0]) - state.heading, -max_slip), max_slip)
+    followed = [slip]
+    for decay, turned in zip(decays.tolist(), (np.diff(samples.heading) * shares).tolist(), strict=True):
+        slip = min(max(slip * decay + turned, -max_slip), max_slip)
+        followed.append(slip)
+    slips = np.array(followed)
     steering = np.arctan(gear * np.tan(slips))
     columns = (
         samples.x,

@@ -146,8 +146,12 @@ class TrackingProgram:
         dynamics = (offsets / self._state_units).ravel()
         lower, upper = ((bound / self._units[BOUNDED]).ravel() for bound in bounds)
         begin = warm_start or self._cold
-        self._solver.update(q=-self._costs * aims.ravel(), l=np.append(dynamics, lower), u=np.append(dynamics, upper))
-        self._solver.update(Ax=self._matrix_data(transitions))
+        self._solver.update(
+            q=-self._costs * aims.ravel(),
+            l=np.append(dynamics, lower),
+            u=np.append(dynamics, upper),
+            Ax=self._matrix_data(transitions),
+        )
         # The solver adapts rho during a solution: every one starts from the same.
         self._solver.update_settings(rho=START_RHO)
         self._solver.warm_start(x=begin.unknowns, y=begin.multipliers)

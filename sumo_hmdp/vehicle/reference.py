@@ -14,6 +14,7 @@ The reverse choice, a quintic for the rear axle, would put the bumper lever * si
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_hmdp.domain.plan import Command
@@ -46,9 +47,9 @@ class Quintic:
     def at(self, time: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return y [m] and dy/dt [m/s] at times since the beginning [s], >= 0, each of the times' shape."""
         t = np.asarray(time, dtype=np.float64)
-        polynomial = np.polynomial.Polynomial(self.coefficients)
+        slopes = [i * c for i, c in enumerate(self.coefficients)][1:]
         over = t >= self.duration
-        return np.where(over, self.end, polynomial(t)), np.where(over, 0.0, polynomial.deriv()(t))
+        return np.where(over, self.end, polyval(t, self.coefficients)), np.where(over, 0.0, polyval(t, slopes))
 
 
 def quintic(y: float, lateral_speed: float, lateral_accel: float, end: float, duration: float) -> Quintic:
