@@ -113,10 +113,16 @@ class Background:
         self.contacts: set[tuple[str, str]] = set()
         self.change_count = 0
 
-    def enter(self, time: float, add: Callable[[Spawn], None]) -> None:
+    def enter(self, time: float, add: Callable[[Spawn], None], others: Sequence[VehicleState] = ()) -> None:
         """Let in who is due at `time` [s]: all of them at the start, later each as soon as there is room.
 
-        A newcomer enters no faster than its leader, and at a gap of at least what it wants at that speed.
+        A newcomer enters no faster than its leader, and at a gap of at least what it wants at that speed. It leaves as
+        much to one of the `others` behind it; of the background nobody is there.
+
+        Args:
+            time: [s].
+            add: inserts a vehicle at the end of the coming step.
+            others: everybody on the road who is no background vehicle.
         """
         still_waiting: list[int] = []
         entered: list[int] = []
@@ -129,7 +135,7 @@ class Background:
             if time <= 0.0 or spawn.entry is not None:
                 admitted: Spawn | None = spawn
             else:
-                admitted = None if spawn.lane in full else self._admitted(spawn)
+                admitted = None if spawn.lane in full else self._admitted(spawn, others)
             if admitted is None:
                 full.add(spawn.lane)
                 still_waiting.append(row)
@@ -149,19 +155,25 @@ class Background:
             self._on_road = None
             self.active = np.concatenate([self.active, np.array(entered, dtype=np.int64)])
 
-    def _admitted(self, spawn: Spawn) -> Spawn | None:
+    def _admitted(self, spawn: Spawn, others: Sequence[VehicleState]) -> Spawn | None:
         """Return the newcomer with the speed at which it may enter, None where there is no room yet."""
         rows = self.on_road()
         here = rows[(self._target[rows] == spawn.lane) | (self._origin[rows] == spawn.lane)]
-        ahead = here[self._x[here] > spawn.x - spawn.length]
-        if not len(ahead):
-            return spawn
-        nearest = ahead[np.argmin(self._x[ahead])]
-        speed = min(spawn.speed, float(self._speed[nearest]))
-        gap = float(self._x[nearest] - self._traits[0, nearest] - spawn.x)
-        if gap < spawn.idm.min_gap + speed * spawn.idm.time_gap:
-            return None
-        return replace(spawn, speed=speed)
+        strangers = [v for v in others if spawn.lane in {image_lane(v.y, self._road), _other_lane(v, self._road)}]
+        rear = spawn.x - spawn.length
+        in_lane = [
+            *zip(self._x[here].tolist(), self._traits[0, here].tolist(), self._speed[here].tolist(), strict=True),
+            *((v.x, v.length, v.speed) for v in strangers),
+        ]
+        ahead = [one for one in in_lane if one[0] > rear]
+        idm, admitted = spawn.idm, spawn
+        if ahead:
+            x, length, lead_speed = min(ahead)
+            admitted = replace(spawn, speed=min(spawn.speed, lead_speed))
+            if x - length - spawn.x < idm.min_gap + admitted.speed * idm.time_gap:
+                return None
+        closed_in_on = any(v.x <= rear < v.x + idm.min_gap + v.speed * idm.time_gap for v in strangers)
+        return None if closed_in_on else admitted
 
     def change_lanes(self, step: int, others: Sequence[VehicleState]) -> None:
         """Let every driver look for a better lane where a look is due, and begin the changes.

@@ -270,7 +270,8 @@ class LibsumoWorld:
         for spawn in due:
             self._add(spawn, spawn.id, spawn.lane, spawn.driver)
         if self._background is not None:
-            self._background.enter(self.time, lambda spawn: self._add(spawn, spawn.id, spawn.lane, spawn.driver))
+            others = (ego, *self._on_road)
+            self._background.enter(self.time, lambda s: self._add(s, s.id, s.lane, s.driver), others)
 
     def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
