@@ -1,5 +1,6 @@
 """Which stop lines are closed to the ego: red, amber it can stop for, an exit that is blocked, a lane that ends."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -36,18 +37,24 @@ class Breaches:
 
 
 def closed_lines(
-    routes: Routes, lights: Mapping[str, str], ego: VehicleState, others: Iterable[VehicleState]
+    routes: Routes,
+    lights: Mapping[str, str],
+    ego: VehicleState,
+    others: Iterable[VehicleState],
+    told: Iterable[StopLine] = (),
 ) -> tuple[StopLine, ...]:
     """Return the lines that are closed to the ego now.
 
-    A line at amber is closed where the ego can stop before it as traffic engineers assume, so that who has once been
-    let through stays so. Lanes that do not lead along the road are closed where they end.
+    A line at amber, or before a blocked exit, is closed where the ego can stop before it as traffic engineers assume,
+    or was told before. So who has been told to stop is not let through because it has come near in the meantime.
+    Lanes that do not lead along the road are closed where they end.
 
     Args:
         routes: of the network.
         lights: the state of every traffic light by its name, SUMO's letter for each link.
         ego: now.
         others: who drives along the road.
+        told: the lines that were closed when the ego last decided.
     """
     signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
     closed: dict[float, set[int]] = {}
@@ -56,18 +63,20 @@ def closed_lines(
             closed.setdefault(end, set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
+        held = {lane for line in told if line.x == signal.x_stop - _BEFORE_LINE for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
-            if link is not None and (
-                _light_closes(lights[signal.name][link], ego, signal.x_stop) or _blocked(signal, lane, ego, ahead)
-            ):
+            if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
                 closed.setdefault(signal.x_stop, set()).add(lane)
     return tuple(StopLine(frozenset(lanes), x - _BEFORE_LINE) for x, lanes in sorted(closed.items()))
 
 
-def _light_closes(letter: str, ego: VehicleState, x_stop: float) -> bool:
-    if letter in "yY":
-        return _can_stop(ego, x_stop)
-    return letter not in "gG"
+def _closes(
+    signal: Signal, lane: int, letter: str, ego: VehicleState, others: Iterable[VehicleState], held: set[int]
+) -> bool:
+    """Tell whether a lane's line is closed; `held` are the lanes for which it was when the ego last decided."""
+    if letter not in "yYgG":
+        return True
+    return (lane in held or _can_stop(ego, signal.x_stop)) and (letter in "yY" or _blocked(signal, lane, ego, others))
 
 
 def _can_stop(ego: VehicleState, x_stop: float) -> bool:
@@ -76,13 +85,17 @@ def _can_stop(ego: VehicleState, x_stop: float) -> bool:
 
 
 def _blocked(signal: Signal, lane: int, ego: VehicleState, others: Iterable[VehicleState]) -> bool:
-    """Tell whether the ego might have to stand inside the junction behind somebody slow, and can still stop before."""
-    rear = min(
-        (v.x - v.length for v in others if v.lane == lane and v.x > signal.x_stop and v.speed < _CRAWLS), default=None
-    )
-    if rear is None or rear - _ROOM - ego.length >= signal.x_exit:
-        return False
-    return _can_stop(ego, signal.x_stop)
+    """Tell whether the ego might have to stand inside the junction.
+
+    It would stand behind somebody slow beyond the line, and behind everybody between who takes up room there too.
+    """
+    room = math.inf
+    ahead = sorted((v for v in others if v.lane == lane and v.x > ego.x), key=lambda v: v.x, reverse=True)
+    for vehicle in ahead:
+        room -= vehicle.length + _ROOM
+        if vehicle.x > signal.x_stop and vehicle.speed < _CRAWLS:
+            room = min(room, vehicle.x - vehicle.length - _ROOM)
+    return room - ego.length < signal.x_exit
 
 
 def breaches(

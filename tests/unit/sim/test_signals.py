@@ -1,0 +1,81 @@
+"""Which lines are closed to the ego, by hand: signal_1 of the town has its line at 300 m and ends at 324 m."""
+
+from pathlib import Path
+
+import pytest
+
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import StopLine, VehicleState
+from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.routes import Routes
+from sumo_hmdp.sim.signals import closed_lines
+
+ROUTES = Routes(read_network(Path(__file__).parents[3] / "networks" / "urban.net.xml", Road(3, 4.0)))
+ALL = StopLine(frozenset({1, 2, 3}), 299.0)
+GREEN, AMBER, RED = "rrrGGGGG", "rrryyyyy", "rrrrrrrr"
+
+
+def ego(x, speed=10.0):
+    return VehicleState("ego", x=x, y=0.0, speed=speed, lane=2)
+
+
+def other(x, speed, lane=2, length=4.5):
+    return VehicleState(f"v{x}", x=x, y=ROUTES.network.road.center_y(lane), speed=speed, lane=lane, length=length)
+
+
+def lines(state, where, others=(), told=()):
+    return closed_lines(ROUTES, {"signal_1": state}, where, others, told)
+
+
+def test_red_closes_and_green_opens():
+    assert lines(RED, ego(200.0)) == (ALL,)
+    assert lines(RED, ego(298.9)) == (ALL,)
+    assert lines(GREEN, ego(200.0)) == ()
+
+
+# From 10 m/s one second of reaction and 3.05 m/s2 take 10 + 16.39 m; the bumper stops 1 m before the line.
+@pytest.mark.parametrize(("x", "closed"), [(272.5, True), (272.7, False)])
+def test_amber_closes_to_who_can_stop(x, closed):
+    assert lines(AMBER, ego(x)) == ((ALL,) if closed else ())
+
+
+def test_who_was_told_to_stop_at_amber_stays_told():
+    assert lines(AMBER, ego(290.0), told=(ALL,)) == (ALL,)
+    # What was told of another line does not matter, nor once it is green.
+    assert lines(AMBER, ego(290.0), told=(StopLine(frozenset({1, 2, 3}), 749.0),)) == ()
+    assert lines(GREEN, ego(290.0), told=(ALL,)) == ()
+
+
+# The ego, 4.5 m long, fits between the junction's end and a standing vehicle whose rear is at 324 + 4.5 + 2 m or more,
+# 4.5 + 2 m farther if a vehicle goes before it into the same room.
+@pytest.mark.parametrize(
+    ("others", "closed"),
+    [
+        ([other(335.1, 0.0)], False),
+        ([other(334.9, 0.0)], True),
+        ([other(334.9, 4.9)], True),
+        ([other(334.9, 5.1)], False),
+        ([other(334.9, 0.0, lane=1)], True),
+        ([other(341.6, 0.0), other(310.0, 8.0)], False),
+        ([other(341.4, 0.0), other(310.0, 8.0)], True),
+        ([other(341.4, 0.0), other(270.0, 8.0)], True),
+        ([other(341.4, 0.0), other(250.0, 8.0)], False),
+        ([other(310.0, 8.0)], False),
+    ],
+)
+def test_a_blocked_exit_closes_its_lane(others, closed):
+    line = StopLine(frozenset({others[0].lane}), 299.0)
+    assert lines(GREEN, ego(260.0), others) == ((line,) if closed else ())
+
+
+def test_a_blocked_exit_stops_nobody_who_cannot_stop_unless_told():
+    blocked, two = [other(330.0, 0.0)], StopLine(frozenset({2}), 299.0)
+    assert lines(GREEN, ego(290.0), blocked) == ()
+    assert lines(GREEN, ego(290.0), blocked, told=(ALL,)) == (two,)
+    assert lines(GREEN, ego(290.0), blocked, told=(StopLine(frozenset({1}), 299.0),)) == ()
+
+
+def test_lanes_that_only_turn_end_at_the_last_signal():
+    found = closed_lines(ROUTES, {"signal_4": "rrrGGG"}, ego(1400.0), ())
+    assert found == (StopLine(frozenset({1, 3}), 1599.0),)
+    assert closed_lines(ROUTES, {"signal_4": "rrrrrr"}, ego(1400.0), ()) == (StopLine(frozenset({1, 2, 3}), 1599.0),)
