@@ -24,9 +24,10 @@ from sumo_hmdp.planning.problem_file import problem_document
 
 # Branches are drawn down to this many a vehicle, the likeliest first; decisions use all of them.
 SHOWN_BRANCHES = 12
-# A vehicle in traffic that is slower stands [m/s]. It may start, which is a branch of its own, but does not drift: with
-# the noise of one that moves, whoever has stopped behind it would be too near for as long as both stand.
-STANDSTILL = 0.1
+# A vehicle in traffic that is slower than this stands or is about to start [m/s]. Starting is a branch of its own; the
+# noise of one that moves would have it roll backwards by a metre or two within the horizon, and whoever has stopped
+# behind it be too near for as long as both stand.
+STANDSTILL = 0.5
 
 
 class UnknownVehicleError(SumoHmdpError):
@@ -72,8 +73,8 @@ class HmdpPlanner:
             vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
         solver: a name of `planning.decide.SOLVERS`.
-        yields_to_followers: whether vehicles behind that intend a lane that the ego's body is over are kept at a distance by
-            the ego; otherwise that is theirs to do.
+        yields_to_followers: whether vehicles behind that are in, or intend, a lane that the ego's body is over are kept
+            at a distance by the ego; otherwise that is theirs to do.
         name: as in the registry.
     """
 
@@ -143,8 +144,13 @@ class HmdpPlanner:
         """Return whom the ego keeps a distance to: perhaps not those who come from behind to where it already is."""
         if self.yields_to_followers:
             return self._seen(scene)
-        own = body_lanes(scene.road, scene.ego.y, scene.ego.width)
-        return [v for v in self._seen(scene) if v.x > scene.ego.x or maneuvers.get(v.id, v).lane not in own]
+        road = scene.road
+        own = set(body_lanes(road, scene.ego.y, scene.ego.width))
+        return [
+            v
+            for v in self._seen(scene)
+            if v.x > scene.ego.x or own.isdisjoint({maneuvers.get(v.id, v).lane, *body_lanes(road, v.y, v.width)})
+        ]
 
     def _predicted(self, state: VehicleState, maneuver: ManeuverState | None, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)

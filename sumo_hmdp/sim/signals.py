@@ -17,6 +17,8 @@ _AMBER_DECEL, _AMBER_REACTION = 3.05, 1.0
 _BEFORE_LINE = 1.0
 # A vehicle slower than this may come to rest where it is [m/s].
 _CRAWLS = 5.0
+# A vehicle slower than this stands [m/s].
+_STANDS = 0.1
 # Between the rear bumper of the ego and the junction, and its front bumper and the vehicle ahead of it, at rest [m].
 _ROOM = 2.0
 # Lines farther ahead are nobody's concern yet [m].
@@ -63,11 +65,12 @@ def closed_lines(
             closed.setdefault(end, set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
-        held = {lane for line in told if line.x == signal.x_stop - _BEFORE_LINE for lane in line.lanes}
+        held = {lane for line in told if signal.x_stop - _BEFORE_LINE <= line.x <= signal.x_stop for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
             if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
                 closed.setdefault(signal.x_stop, set()).add(lane)
-    return tuple(StopLine(frozenset(lanes), x - _BEFORE_LINE) for x, lanes in sorted(closed.items()))
+    # Who stands between this place and the line itself has not passed the line.
+    return tuple(StopLine(frozenset(lanes), max(x - _BEFORE_LINE, ego.x)) for x, lanes in sorted(closed.items()))
 
 
 def _closes(
@@ -81,7 +84,7 @@ def _closes(
 
 def _can_stop(ego: VehicleState, x_stop: float) -> bool:
     needed = ego.speed * _AMBER_REACTION + ego.speed**2 / (2.0 * _AMBER_DECEL)
-    return ego.x + needed <= x_stop - _BEFORE_LINE
+    return ego.speed < _STANDS or ego.x + needed <= x_stop - _BEFORE_LINE
 
 
 def _blocked(signal: Signal, lane: int, ego: VehicleState, others: Iterable[VehicleState]) -> bool:
@@ -116,5 +119,5 @@ def breaches(
         if before.x <= signal.x_stop < after.x:
             red |= link is None or lights[signal.name][link] in "rR"
         inside = after.x > signal.x_stop and after.x - after.length < signal.x_exit
-        stands |= inside and after.speed < 0.1
+        stands |= inside and after.speed < _STANDS
     return Breaches(red, stands)

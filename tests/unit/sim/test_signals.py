@@ -24,7 +24,7 @@ def other(x, speed, lane=2, length=4.5):
 
 
 def lines(state, where, others=(), told=()):
-    return closed_lines(ROUTES, {"signal_1": state}, where, others, told)
+    return closed_lines(ROUTES, {"signal_1": state, "signal_2": GREEN}, where, others, told)
 
 
 def test_red_closes_and_green_opens():
@@ -37,6 +37,14 @@ def test_red_closes_and_green_opens():
 @pytest.mark.parametrize(("x", "closed"), [(272.5, True), (272.7, False)])
 def test_amber_closes_to_who_can_stop(x, closed):
     assert lines(AMBER, ego(x)) == ((ALL,) if closed else ())
+
+
+@pytest.mark.parametrize("state", [AMBER, RED])
+def test_who_stands_a_little_beyond_its_place_has_not_passed(state):
+    assert lines(state, ego(299.02, speed=0.05)) == (StopLine(frozenset({1, 2, 3}), 299.02),)
+    # Told so, it stays told, until it has passed the line itself.
+    assert lines(AMBER, ego(299.5, speed=2.0), told=lines(RED, ego(299.4))) == (StopLine(frozenset({1, 2, 3}), 299.5),)
+    assert lines(state, ego(300.1, speed=0.0)) == ()
 
 
 def test_who_was_told_to_stop_at_amber_stays_told():
