@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.sim.network import Signal
 from sumo_hmdp.sim.routes import Routes
@@ -23,6 +24,8 @@ _STANDS = 0.1
 _ROOM = 2.0
 # Lines farther ahead are nobody's concern yet [m].
 _SIGHT = 250.0
+# Nobody enters a lane that ends within this, as the traffic looks ahead for its lane, 30 s at 50 km/h [m].
+_ROUTE_SIGHT = 417.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ def closed_lines(
 
     A line at amber, or before a blocked exit, is closed where the ego can stop before it as traffic engineers assume,
     or was told before. So who has been told to stop is not let through because it has come near in the meantime.
-    Lanes that do not lead along the road are closed where they end.
+    Lanes that do not lead along the road are closed where they end; to an ego that is not in one of them, from where it
+    is, so that it does not enter a lane that it would have to leave.
 
     Args:
         routes: of the network.
@@ -61,16 +65,30 @@ def closed_lines(
     signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
     closed: dict[float, set[int]] = {}
     for index, end in enumerate(routes.lane_ends(None, np.array([ego.x]))[0].tolist()):
-        if ego.x < end <= ego.x + _SIGHT:
-            closed.setdefault(end, set()).add(index + 1)
+        if not ego.x < end <= ego.x + _ROUTE_SIGHT:
+            continue
+        if not _in_lane(routes.network.road, ego, index + 1):
+            closed.setdefault(ego.x, set()).add(index + 1)
+        elif end <= ego.x + _SIGHT:
+            closed.setdefault(_stopping_place(ego, end), set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
         held = {lane for line in told if signal.x_stop - _BEFORE_LINE <= line.x <= signal.x_stop for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
             if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
-                closed.setdefault(signal.x_stop, set()).add(lane)
-    # Who stands between this place and the line itself has not passed the line.
-    return tuple(StopLine(frozenset(lanes), max(x - _BEFORE_LINE, ego.x)) for x, lanes in sorted(closed.items()))
+                closed.setdefault(_stopping_place(ego, signal.x_stop), set()).add(lane)
+    return tuple(StopLine(frozenset(lanes), x) for x, lanes in sorted(closed.items()))
+
+
+def _stopping_place(ego: VehicleState, x_stop: float) -> float:
+    """Return where the ego is to stop before a line [m]: who is nearer already has not passed the line by that."""
+    place = x_stop - _BEFORE_LINE
+    return place if ego.x <= place else min(x_stop, ego.x + _needed(ego.speed))
+
+
+def _in_lane(road: Road, ego: VehicleState, lane: int) -> bool:
+    """Tell whether the ego is in a lane, intends it, or has not left it yet."""
+    return ego.lane == lane or abs(ego.y - road.center_y(lane)) < 0.5 * (road.lane_width + ego.width)
 
 
 def _closes(
@@ -83,8 +101,12 @@ def _closes(
 
 
 def _can_stop(ego: VehicleState, x_stop: float) -> bool:
-    needed = ego.speed * _AMBER_REACTION + ego.speed**2 / (2.0 * _AMBER_DECEL)
-    return ego.speed < _STANDS or ego.x + needed <= x_stop - _BEFORE_LINE
+    return ego.speed < _STANDS or ego.x + _needed(ego.speed) <= x_stop - _BEFORE_LINE
+
+
+def _needed(speed: float) -> float:
+    """Return how far a driver goes until it rests [m]."""
+    return speed * _AMBER_REACTION + speed**2 / (2.0 * _AMBER_DECEL)
 
 
 def _blocked(signal: Signal, lane: int, ego: VehicleState, others: Iterable[VehicleState]) -> bool:

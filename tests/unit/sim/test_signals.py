@@ -41,9 +41,11 @@ def test_amber_closes_to_who_can_stop(x, closed):
 
 @pytest.mark.parametrize("state", [AMBER, RED])
 def test_who_stands_a_little_beyond_its_place_has_not_passed(state):
-    assert lines(state, ego(299.02, speed=0.05)) == (StopLine(frozenset({1, 2, 3}), 299.02),)
+    assert lines(state, ego(299.02, speed=0.0)) == (StopLine(frozenset({1, 2, 3}), 299.02),)
+    # Rolling at 0.061 m/s it comes 0.061 m and 0.061^2 / 6.1 m farther.
+    assert lines(state, ego(299.02, speed=0.061))[0].x == pytest.approx(299.02 + 0.061 + 0.00061)
     # Told so, it stays told, until it has passed the line itself.
-    assert lines(AMBER, ego(299.5, speed=2.0), told=lines(RED, ego(299.4))) == (StopLine(frozenset({1, 2, 3}), 299.5),)
+    assert lines(AMBER, ego(299.5, speed=2.0), told=lines(RED, ego(299.4))) == (StopLine(frozenset({1, 2, 3}), 300.0),)
     assert lines(state, ego(300.1, speed=0.0)) == ()
 
 
@@ -83,7 +85,24 @@ def test_a_blocked_exit_stops_nobody_who_cannot_stop_unless_told():
     assert lines(GREEN, ego(290.0), blocked, told=(StopLine(frozenset({1}), 299.0),)) == ()
 
 
+def at_last(where, state="rrrGGG"):
+    return closed_lines(ROUTES, {"signal_3": GREEN, "signal_4": state}, where, ())
+
+
 def test_lanes_that_only_turn_end_at_the_last_signal():
-    found = closed_lines(ROUTES, {"signal_4": "rrrGGG"}, ego(1400.0), ())
-    assert found == (StopLine(frozenset({1, 3}), 1599.0),)
-    assert closed_lines(ROUTES, {"signal_4": "rrrrrr"}, ego(1400.0), ()) == (StopLine(frozenset({1, 2, 3}), 1599.0),)
+    left = VehicleState("ego", x=1400.0, y=4.0, speed=10.0, lane=1)
+    end, beside = StopLine(frozenset({1}), 1599.0), StopLine(frozenset({3}), 1400.0)
+    assert at_last(left) == (beside, end)
+    # Also while it leaves the lane: 1 m beside the centre of lane 2 its body of 1.8 m is in lane 2 alone.
+    leaving = VehicleState("ego", x=1400.0, y=1.2, speed=10.0, lane=2)
+    assert at_last(leaving) == (beside, end)
+    assert at_last(VehicleState("ego", x=1400.0, y=1.0, speed=10.0, lane=2)) == (StopLine(frozenset({1, 3}), 1400.0),)
+
+
+def test_a_lane_that_ends_soon_is_not_entered():
+    beside = StopLine(frozenset({1, 3}), 1400.0)
+    assert at_last(ego(1400.0)) == (beside,)
+    assert at_last(ego(1400.0), "rrrrrr") == (beside, StopLine(frozenset({2}), 1599.0))
+    # 417 m before its end.
+    assert at_last(ego(1182.0)) == ()
+    assert at_last(ego(1184.0)) == (StopLine(frozenset({1, 3}), 1184.0),)
