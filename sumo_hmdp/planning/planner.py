@@ -24,6 +24,10 @@ from sumo_hmdp.planning.problem_file import problem_document
 
 # Branches are drawn down to this many a vehicle, the likeliest first; decisions use all of them.
 SHOWN_BRANCHES = 12
+# A vehicle in traffic that is slower than this stands or is about to start [m/s]. Starting is a branch of its own; the
+# noise of one that moves would have it roll backwards by a metre or two within the horizon, and whoever has stopped
+# behind it be too near for as long as both stand.
+STANDSTILL = 0.5
 
 
 class UnknownVehicleError(SumoHmdpError):
@@ -69,8 +73,8 @@ class HmdpPlanner:
             vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
         solver: a name of `planning.decide.SOLVERS`.
-        yields_to_followers: whether vehicles behind in the ego's own lane are kept at a distance by the ego, also while
-            it is in that lane alone; otherwise that is theirs to do.
+        yields_to_followers: whether vehicles behind that are in, or intend, a lane that the ego's body is over are kept
+            at a distance by the ego; otherwise that is theirs to do.
         name: as in the registry.
     """
 
@@ -127,17 +131,26 @@ class HmdpPlanner:
             read: as `read` returns it; None reads it here.
         """
         maneuvers = self.read(scene, memory) if read is None else read
-        vehicles = tuple(self._predicted(other, maneuvers.get(other.id), scene.time) for other in self._seen(scene))
+        vehicles = tuple(
+            self._predicted(other, maneuvers.get(other.id), scene.time) for other in self._minded(scene, maneuvers)
+        )
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
         return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
 
     def _seen(self, scene: Scene) -> list[VehicleState]:
-        near = [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
-        ego, road = scene.ego, scene.road
-        own = body_lanes(road, ego.y, ego.width)
-        if self.yields_to_followers or own != (ego.lane,):
-            return near
-        return [v for v in near if v.x > ego.x or body_lanes(road, v.y, v.width) != own]
+        return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
+
+    def _minded(self, scene: Scene, maneuvers: Mapping[str, ManeuverState]) -> list[VehicleState]:
+        """Return whom the ego keeps a distance to: perhaps not those who come from behind to where it already is."""
+        if self.yields_to_followers:
+            return self._seen(scene)
+        road = scene.road
+        own = set(body_lanes(road, scene.ego.y, scene.ego.width))
+        return [
+            v
+            for v in self._seen(scene)
+            if v.x > scene.ego.x or own.isdisjoint({maneuvers.get(v.id, v).lane, *body_lanes(road, v.y, v.width)})
+        ]
 
     def _predicted(self, state: VehicleState, maneuver: ManeuverState | None, now: float) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)
@@ -146,9 +159,12 @@ class HmdpPlanner:
                 f"every vehicle in range must have a policy, got none for {state.id!r} (at {now:g} s). "
                 "Give it one in the scenario, in `vehicles` or for all in `traffic.belief`."
             )
-        if maneuver is not None and (maneuver.lane, maneuver.mode) != (state.lane, state.mode):
+        noise = belief.noise
+        if maneuver is not None:
             state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
-        return PredictedVehicle(state, belief.policy.at(now), belief.noise)
+            if state.speed < STANDSTILL:
+                noise = Noise(position_var=noise.position_var)
+        return PredictedVehicle(state, belief.policy.at(now), noise)
 
 
 def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float) -> Decision:

@@ -21,8 +21,8 @@ class HmdpParameters(PlannerFile):
 
     In a scenario `occupancy` is `swept` unless it says otherwise, since under the paper's `target` a leader is dropped
     the instant the intent changes; and `lane_change_time_s` is the ego's. `followers: all`, the paper's rule, keeps the
-    distance to whoever is behind as well. `other_lanes` leaves that to those behind in the ego's own lane, unless it is
-    changing lanes: a prediction that does not react would have them drive into an ego that stops.
+    distance to whoever is behind as well. `other_lanes` leaves that to those behind who are in, or intend, a lane
+    that the ego's body is over: a prediction that does not react would have them drive into an ego that stops.
     """
 
     sensing_range_m: float = 200.0

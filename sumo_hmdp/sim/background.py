@@ -29,6 +29,8 @@ IntArray = NDArray[np.int64]
 _SOON = 1e-6
 # Who moves less in a step has no course [m].
 _STANDS = 1e-3
+# From the rear axle to the front bumper, as a share of the length.
+_LEVER = 0.8
 # No lane change has a greater angle to the road [rad].
 _STEEPEST = 0.3
 # Beyond this angle to the road a vehicle crosses it [rad].
@@ -103,6 +105,8 @@ class Background:
         count = len(self._spawns)
         self._x, self._y, self._speed = (np.full(count, math.nan) for _ in range(3))
         self._heading = np.zeros(count)
+        self._has_course = np.zeros(count, dtype=bool)
+        self._just_begun: list[int] = []
         self._last = np.full((3, count), math.nan)
         self._target = np.array([spawn.lane for spawn in spawns], dtype=np.int64)
         self._origin = self._target.copy()
@@ -191,6 +195,8 @@ class Background:
         may_change = np.zeros(len(vehicles.x), dtype=bool)
         may_change[: len(rows)] = self._arrives[rows] + self._settings.interval <= now + _SOON
         ends, bias = self._route_needs(rows, len(others))
+        # SUMO lets nobody begin a change inside a junction.
+        may_change &= ~self._network.in_junction(vehicles.x)
         here = np.take_along_axis(ends, vehicles.lane[:, None] - 1, axis=1)
         # Whose lane ends has to leave it, even from a standstill.
         may_change &= (vehicles.speed >= self._settings.least_speed) | (bias.max(axis=1) > 0.0)
@@ -259,7 +265,7 @@ class Background:
         lane = int(self._target[row]) + move
         self._origin[row], self._target[row] = self._target[row], lane
         self._arrives[row] = now + self._settings.lane_change_time
-        self.change_count += 1
+        self._just_begun.append(row)
         self._sumo.vehicle.changeLane(
             self._spawns[row].id, self._network.lane_index(float(self._x[row]), lane), self._dt
         )
@@ -283,21 +289,42 @@ class Background:
         except self._sumo.TraCIException as error:
             raise SimulationError(f"a background vehicle must stay until the road's end, got: {error}") from error
         self._x[rows], self._y[rows] = places[:, 0], places[:, 1]
-        dx, dy = self._x[rows] - self._last[0, rows], self._y[rows] - self._last[1, rows]
-        # Who stands keeps its heading; who has just come has none yet.
-        moved = np.hypot(dx, dy) > _STANDS
-        self._heading[rows[moved]] = np.arctan2(dy[moved], dx[moved])
-        # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
-        changing = rows[self._origin[rows] != self._target[rows]]
-        self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
+        self._turn(rows)
         # SUMO answers for a vehicle that it has taken off with a large negative number.
         wrong = ~np.isfinite(places[:, 0] + self._speed[rows]) | (self._speed[rows] < 0.0)
         if wrong.any():
             name = names[int(np.flatnonzero(wrong)[0])]
             raise SimulationError(f"the state of {name} must be finite, got x = {places[wrong][0]} (t = {time:g} s).")
+        self._settle_changes(rows, time)
+        self._note_contacts(self.on_road())
+
+    def _turn(self, rows: IntArray) -> None:
+        """Turn the bodies: the rear axle follows the front bumper as a trailer follows its hitch (eq. 18)."""
+        dx, dy = self._x[rows] - self._last[0, rows], self._y[rows] - self._last[1, rows]
+        distance = np.hypot(dx, dy)
+        # Who stands keeps its heading; who has just come has none yet.
+        moved = distance > _STANDS
+        rows, distance, course = rows[moved], distance[moved], np.arctan2(dy[moved], dx[moved])
+        lever = _LEVER * self._traits[0, rows]
+        turned = self._heading[rows] + distance / lever * np.sin(course - self._heading[rows])
+        self._heading[rows] = np.where(self._has_course[rows], turned, course)
+        self._has_course[rows] = True
+        # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
+        changing = rows[self._origin[rows] != self._target[rows]]
+        self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
+
+    def _settle_changes(self, rows: IntArray, time: float) -> None:
+        """Take back the changes that SUMO has not begun, and end those whose time is over.
+
+        SUMO refuses a change that would not be complete before the vehicle turns off.
+        """
+        begun = np.array(self._just_begun, dtype=np.int64)
+        self._just_begun.clear()
+        refused = begun[np.abs(self._y[begun] - self._last[1, begun]) < _STANDS]
+        self._target[refused], self._arrives[refused] = self._origin[refused], time
+        self.change_count += len(begun) - len(refused)
         arrived = self._arrives[rows] <= time + _SOON
         self._origin[rows[arrived]] = self._target[rows[arrived]]
-        self._note_contacts(self.on_road())
 
     def on_road(self) -> IntArray:
         """Return the rows of those who drive along the road, in a lane of it; others are on ramps or cross it."""
@@ -307,7 +334,7 @@ class Background:
 
     def _find_on_road(self) -> IntArray:
         # Who comes by a ramp is nowhere before it has been read once.
-        rows = self.active[np.isfinite(self._x[self.active])]
+        rows: IntArray = self.active[np.isfinite(self._x[self.active])]
         x, y = self._x[rows], self._y[rows]
         lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
         inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
@@ -329,6 +356,8 @@ class Background:
     def spawns(self) -> tuple[Spawn, ...]:
         """Return everybody on the road as it would enter at time 0, then who still waits, with its time.
 
+        Whoever is inside a junction is left out, since SUMO lets nobody enter there.
+
         Raises:
             SimulationError: somebody is between two lanes.
         """
@@ -345,6 +374,7 @@ class Background:
                 exit=self._exits[row],
             )
             for row in self.on_road().tolist()
+            if not self._network.in_junction(self._x[row])
         ]
         return (*present, *(self._spawns[row] for row in self._waiting))
 

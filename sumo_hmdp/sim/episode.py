@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
@@ -103,7 +103,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Carry:
-    """All that goes from one step to the next; `ego` is the state of its motion."""
+    """All that goes from one step to the next; `ego` is the state of its motion, `told` the last decision's lines."""
 
     ego: Any
     command: Command
@@ -111,6 +111,7 @@ class Carry:
     planner_memory: Any
     driver_memories: Mapping[str, Any]
     driver_modes: Mapping[str, Mode]
+    told: tuple[StopLine, ...] = ()
 
 
 @dataclass
@@ -216,7 +217,7 @@ def observe_scene(
             other = replace(other, mode=drawn.mode, lane=drawn.lane, accel=drawn.accel)  # noqa: PLW2901
         others.append(other)
     ego = ego_state(settings, motion, carry)
-    return Scene(time, settings.road, ego, tuple(others), world.stop_lines(others))
+    return Scene(time, settings.road, ego, tuple(others), world.stop_lines(others, carry.told))
 
 
 def drawn_poses(settings: EpisodeSettings, scene: Scene, time: float) -> list[VehicleState]:
@@ -233,7 +234,14 @@ def take_command(
 ) -> Carry:
     """Start what a decision orders, from the present state; a running lane change to the same lane goes on."""
     ego = motion.take(carry.ego, decision.command, scene.time)
-    return replace(carry, ego=ego, command=decision.command, mode=decision.mode, planner_memory=memory)
+    return replace(
+        carry,
+        ego=ego,
+        command=decision.command,
+        mode=decision.mode,
+        planner_memory=memory,
+        told=scene.stop_lines,
+    )
 
 
 def drive(

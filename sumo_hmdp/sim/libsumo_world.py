@@ -195,17 +195,20 @@ class LibsumoWorld:
             return ()
         return tuple(sorted(self._background.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
 
-    def stop_lines(self, others: Iterable[VehicleState]) -> tuple[StopLine, ...]:
+    def stop_lines(self, others: Iterable[VehicleState], told: Iterable[StopLine] = ()) -> tuple[StopLine, ...]:
         """Return the stop lines that are closed to the ego now.
 
         Args:
             others: who drives along the road, as from `observe`.
+            told: the lines that were closed when the ego last decided.
 
         Raises:
             SimulationError: the world is not open.
         """
         self._require_open()
-        return closed_lines(self._routes, _lights(self._network), self._ego, others) if self._routes.needed else ()
+        if not self._routes.needed:
+            return ()
+        return closed_lines(self._routes, _lights(self._network), self._ego, others, told)
 
     def breaches(self) -> Breaches:
         """Return the rules that the ego broke in the last step.

@@ -189,6 +189,13 @@ class Network:
             raise InputError([f"lane {lane} must exist at x = {x} m. See networks/README.md"])
         return Place(number, sum(edges[number].lanes[lane:]), max(0.0, x - edges[number].x_begin))
 
+    def in_junction(self, x: ArrayLike) -> NDArray[np.bool_]:
+        """Tell which positions x [m] are inside a junction, any shape."""
+        positions = np.asarray(x, dtype=float)[..., None]
+        inner = [stretch for stretch in self.stretches if stretch.edge is None]
+        begins, ends = [s.x_begin for s in inner], [s.x_end for s in inner]
+        return np.asarray(((begins <= positions) & (positions < ends)).any(axis=-1))
+
     def lane_index(self, x: float, lane: int) -> int:
         """Return SUMO's index of a lane at x [m]: how many lanes lie to its right there."""
         return int(self.lane_exists(x)[lane:].sum())

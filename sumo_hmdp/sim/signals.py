@@ -1,10 +1,12 @@
 """Which stop lines are closed to the ego: red, amber it can stop for, an exit that is blocked, a lane that ends."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.sim.network import Signal
 from sumo_hmdp.sim.routes import Routes
@@ -16,10 +18,14 @@ _AMBER_DECEL, _AMBER_REACTION = 3.05, 1.0
 _BEFORE_LINE = 1.0
 # A vehicle slower than this may come to rest where it is [m/s].
 _CRAWLS = 5.0
+# A vehicle slower than this stands [m/s].
+_STANDS = 0.1
 # Between the rear bumper of the ego and the junction, and its front bumper and the vehicle ahead of it, at rest [m].
 _ROOM = 2.0
 # Lines farther ahead are nobody's concern yet [m].
 _SIGHT = 250.0
+# Nobody enters a lane that ends within this, as the traffic looks ahead for its lane, 30 s at 50 km/h [m].
+_ROUTE_SIGHT = 417.0
 
 
 @dataclass(frozen=True)
@@ -36,53 +42,85 @@ class Breaches:
 
 
 def closed_lines(
-    routes: Routes, lights: Mapping[str, str], ego: VehicleState, others: Iterable[VehicleState]
+    routes: Routes,
+    lights: Mapping[str, str],
+    ego: VehicleState,
+    others: Iterable[VehicleState],
+    told: Iterable[StopLine] = (),
 ) -> tuple[StopLine, ...]:
     """Return the lines that are closed to the ego now.
 
-    A line at amber is closed where the ego can stop before it as traffic engineers assume, so that who has once been
-    let through stays so. Lanes that do not lead along the road are closed where they end.
+    A line at amber, or before a blocked exit, is closed where the ego can stop before it as traffic engineers assume,
+    or was told before. So who has been told to stop is not let through because it has come near in the meantime.
+    Lanes that do not lead along the road are closed where they end; to an ego that is not in one of them, from where it
+    is, so that it does not enter a lane that it would have to leave.
 
     Args:
         routes: of the network.
         lights: the state of every traffic light by its name, SUMO's letter for each link.
         ego: now.
         others: who drives along the road.
+        told: the lines that were closed when the ego last decided.
     """
     signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
     closed: dict[float, set[int]] = {}
     for index, end in enumerate(routes.lane_ends(None, np.array([ego.x]))[0].tolist()):
-        if ego.x < end <= ego.x + _SIGHT:
-            closed.setdefault(end, set()).add(index + 1)
+        if not ego.x < end <= ego.x + _ROUTE_SIGHT:
+            continue
+        if not _in_lane(routes.network.road, ego, index + 1):
+            closed.setdefault(ego.x, set()).add(index + 1)
+        elif end <= ego.x + _SIGHT:
+            closed.setdefault(_stopping_place(ego, end), set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
+        held = {lane for line in told if signal.x_stop - _BEFORE_LINE <= line.x <= signal.x_stop for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
-            if link is not None and (
-                _light_closes(lights[signal.name][link], ego, signal.x_stop) or _blocked(signal, lane, ego, ahead)
-            ):
-                closed.setdefault(signal.x_stop, set()).add(lane)
-    return tuple(StopLine(frozenset(lanes), x - _BEFORE_LINE) for x, lanes in sorted(closed.items()))
+            if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
+                closed.setdefault(_stopping_place(ego, signal.x_stop), set()).add(lane)
+    return tuple(StopLine(frozenset(lanes), x) for x, lanes in sorted(closed.items()))
 
 
-def _light_closes(letter: str, ego: VehicleState, x_stop: float) -> bool:
-    if letter in "yY":
-        return _can_stop(ego, x_stop)
-    return letter not in "gG"
+def _stopping_place(ego: VehicleState, x_stop: float) -> float:
+    """Return where the ego is to stop before a line [m]: who is nearer already has not passed the line by that."""
+    place = x_stop - _BEFORE_LINE
+    return place if ego.x <= place else min(x_stop, ego.x + _needed(ego.speed))
+
+
+def _in_lane(road: Road, ego: VehicleState, lane: int) -> bool:
+    """Tell whether the ego is in a lane, intends it, or has not left it yet."""
+    return ego.lane == lane or abs(ego.y - road.center_y(lane)) < 0.5 * (road.lane_width + ego.width)
+
+
+def _closes(
+    signal: Signal, lane: int, letter: str, ego: VehicleState, others: Iterable[VehicleState], held: set[int]
+) -> bool:
+    """Tell whether a lane's line is closed; `held` are the lanes for which it was when the ego last decided."""
+    if letter not in "yYgG":
+        return True
+    return (lane in held or _can_stop(ego, signal.x_stop)) and (letter in "yY" or _blocked(signal, lane, ego, others))
 
 
 def _can_stop(ego: VehicleState, x_stop: float) -> bool:
-    needed = ego.speed * _AMBER_REACTION + ego.speed**2 / (2.0 * _AMBER_DECEL)
-    return ego.x + needed <= x_stop - _BEFORE_LINE
+    return ego.speed < _STANDS or ego.x + _needed(ego.speed) <= x_stop - _BEFORE_LINE
+
+
+def _needed(speed: float) -> float:
+    """Return how far a driver goes until it rests [m]."""
+    return speed * _AMBER_REACTION + speed**2 / (2.0 * _AMBER_DECEL)
 
 
 def _blocked(signal: Signal, lane: int, ego: VehicleState, others: Iterable[VehicleState]) -> bool:
-    """Tell whether the ego might have to stand inside the junction behind somebody slow, and can still stop before."""
-    rear = min(
-        (v.x - v.length for v in others if v.lane == lane and v.x > signal.x_stop and v.speed < _CRAWLS), default=None
-    )
-    if rear is None or rear - _ROOM - ego.length >= signal.x_exit:
-        return False
-    return _can_stop(ego, signal.x_stop)
+    """Tell whether the ego might have to stand inside the junction.
+
+    It would stand behind somebody slow beyond the line, and behind everybody between who takes up room there too.
+    """
+    room = math.inf
+    ahead = sorted((v for v in others if v.lane == lane and v.x > ego.x), key=lambda v: v.x, reverse=True)
+    for vehicle in ahead:
+        room -= vehicle.length + _ROOM
+        if vehicle.x > signal.x_stop and vehicle.speed < _CRAWLS:
+            room = min(room, vehicle.x - vehicle.length - _ROOM)
+    return room - ego.length < signal.x_exit
 
 
 def breaches(
@@ -103,5 +141,5 @@ def breaches(
         if before.x <= signal.x_stop < after.x:
             red |= link is None or lights[signal.name][link] in "rR"
         inside = after.x > signal.x_stop and after.x - after.length < signal.x_exit
-        stands |= inside and after.speed < 0.1
+        stands |= inside and after.speed < _STANDS
     return Breaches(red, stands)

@@ -104,6 +104,14 @@ def test_the_arterial_and_its_junctions(urban):
     assert not urban.holds(1610.0, 4.0)
 
 
+def test_what_is_inside_a_junction(urban, ramps):
+    x = np.array([299.9, 300.0, 323.9, 324.0, 700.0, 760.0, math.nan])
+    assert urban.in_junction(x).tolist() == [False, True, True, False, False, True, False]
+    assert bool(urban.in_junction(1601.0))
+    # Edges that meet without a gap have no inside.
+    assert not ramps.in_junction(np.linspace(-1000.0, 9000.0, 101)).any()
+
+
 def test_signals_and_who_may_turn_where(urban):
     # Links count from the side street: north straight, north left, south right; then the arterial from right to left.
     assert urban.signals[1] == Signal(

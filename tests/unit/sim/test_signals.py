@@ -1,6 +1,5 @@
-"""Which stop lines are closed to the ego, and which rules it broke: on the arterial, by distances worked by hand."""
+"""Which lines are closed to the ego, by hand: signal_1 of the town has its line at 300 m and ends at 324 m."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,126 +8,101 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.routes import Routes
-from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
+from sumo_hmdp.sim.signals import closed_lines
 
-NETWORKS = Path(__file__).parents[3] / "networks"
-EGO = VehicleState("ego", x=250.0, y=0.0, speed=10.0, lane=2, length=5.0)
-EVERY = frozenset({1, 2, 3})
-
-
-@pytest.fixture(scope="module")
-def routes():
-    return Routes(read_network(NETWORKS / "urban.net.xml", Road(3, 4.0)))
+ROUTES = Routes(read_network(Path(__file__).parents[3] / "networks" / "urban.net.xml", Road(3, 4.0)))
+ALL = StopLine(frozenset({1, 2, 3}), 299.0)
+GREEN, AMBER, RED = "rrrGGGGG", "rrryyyyy", "rrrrrrrr"
 
 
-def lights(routes, letter, **lanes):
-    """Return the states of all lights: one letter for all links, others for some lanes of the arterial."""
-    states = {}
-    for signal in routes.network.signals:
-        links = ["r"] * 20
-        for lane, link in enumerate(signal.straight, 1):
-            if link is not None:
-                links[link] = lanes.get(f"lane_{lane}", letter)
-        states[signal.name] = "".join(links)
-    return states
+def ego(x, speed=10.0):
+    return VehicleState("ego", x=x, y=0.0, speed=speed, lane=2)
 
 
-def test_red_closes_all_lanes_a_metre_before_the_line(routes):
-    assert closed_lines(routes, lights(routes, "r"), EGO, ()) == (StopLine(EVERY, 299.0),)
+def other(x, speed, lane=2, length=4.5):
+    return VehicleState(f"v{x}", x=x, y=ROUTES.network.road.center_y(lane), speed=speed, lane=lane, length=length)
 
 
-@pytest.mark.parametrize("letter", ["g", "G"])
-def test_green_closes_nothing(routes, letter):
-    assert closed_lines(routes, lights(routes, letter), EGO, ()) == ()
+def lines(state, where, others=(), told=()):
+    return closed_lines(ROUTES, {"signal_1": state, "signal_2": GREEN}, where, others, told)
 
 
-@pytest.mark.parametrize("letter", ["u", "s", "o"])
-def test_a_light_that_is_neither_green_nor_amber_is_closed(routes, letter):
-    assert closed_lines(routes, lights(routes, letter), EGO, ()) == (StopLine(EVERY, 299.0),)
+def test_red_closes_and_green_opens():
+    assert lines(RED, ego(200.0)) == (ALL,)
+    assert lines(RED, ego(298.9)) == (ALL,)
+    assert lines(GREEN, ego(200.0)) == ()
 
 
-def test_one_lane_at_red(routes):
-    assert closed_lines(routes, lights(routes, "G", lane_3="r"), EGO, ()) == (StopLine(frozenset({3}), 299.0),)
+# From 10 m/s one second of reaction and 3.05 m/s2 take 10 + 16.39 m; the bumper stops 1 m before the line.
+@pytest.mark.parametrize(("x", "closed"), [(272.5, True), (272.7, False)])
+def test_amber_closes_to_who_can_stop(x, closed):
+    assert lines(AMBER, ego(x)) == ((ALL,) if closed else ())
 
 
-@pytest.mark.parametrize(("x", "speed", "closed"), [(49.9, 10.0, False), (50.0, 10.0, True), (300.0, 10.0, False)])
-def test_a_line_counts_from_250_m_before_it_until_it_is_passed(routes, x, speed, closed):
-    lines = closed_lines(routes, lights(routes, "r"), replace(EGO, x=x, speed=speed), ())
-    assert (lines == (StopLine(EVERY, 299.0),)) is closed
+@pytest.mark.parametrize("state", [AMBER, RED])
+def test_who_stands_a_little_beyond_its_place_has_not_passed(state):
+    assert lines(state, ego(299.02, speed=0.0)) == (StopLine(frozenset({1, 2, 3}), 299.02),)
+    # Rolling at 0.061 m/s it comes 0.061 m and 0.061^2 / 6.1 m farther.
+    assert lines(state, ego(299.02, speed=0.061))[0].x == pytest.approx(299.02 + 0.061 + 0.00061)
+    # Told so, it stays told, until it has passed the line itself.
+    assert lines(AMBER, ego(299.5, speed=2.0), told=lines(RED, ego(299.4))) == (StopLine(frozenset({1, 2, 3}), 300.0),)
+    assert lines(state, ego(300.1, speed=0.0)) == ()
 
 
-# To rest after a second: 10 + 100 / 6.1 = 26.393 m from 10 m/s, 14 + 196 / 6.1 = 46.131 m from 14 m/s.
+def test_who_was_told_to_stop_at_amber_stays_told():
+    assert lines(AMBER, ego(290.0), told=(ALL,)) == (ALL,)
+    # What was told of another line does not matter, nor once it is green.
+    assert lines(AMBER, ego(290.0), told=(StopLine(frozenset({1, 2, 3}), 749.0),)) == ()
+    assert lines(GREEN, ego(290.0), told=(ALL,)) == ()
+
+
+# The ego, 4.5 m long, fits between the junction's end and a standing vehicle whose rear is at 324 + 4.5 + 2 m or more,
+# 4.5 + 2 m farther if a vehicle goes before it into the same room.
 @pytest.mark.parametrize(
-    ("x", "speed", "closed"),
-    [(272.60, 10.0, True), (272.61, 10.0, False), (252.86, 14.0, True), (252.87, 14.0, False), (298.9, 0.0, True)],
-)
-def test_amber_closes_where_the_ego_can_stop(routes, x, speed, closed):
-    lines = closed_lines(routes, lights(routes, "y"), replace(EGO, x=x, speed=speed), ())
-    assert (lines == (StopLine(EVERY, 299.0),)) is closed
-
-
-# The junction ends at 324 m: behind the ego's 5 m and 2 m of room, the rear ahead must be beyond 331 m.
-@pytest.mark.parametrize(
-    ("front", "speed", "lane", "closed"),
+    ("others", "closed"),
     [
-        (335.4, 4.9, 2, {2}),
-        (335.4, 0.0, 2, {2}),
-        (335.4, 0.0, 1, {1}),
-        (335.5, 4.9, 2, set()),
-        (335.4, 5.0, 2, set()),
-        (310.0, 3.0, 2, {2}),
-        # Before the line: no business of the junction.
-        (299.0, 0.0, 2, set()),
+        ([other(335.1, 0.0)], False),
+        ([other(334.9, 0.0)], True),
+        ([other(334.9, 4.9)], True),
+        ([other(334.9, 5.1)], False),
+        ([other(334.9, 0.0, lane=1)], True),
+        ([other(341.6, 0.0), other(310.0, 8.0)], False),
+        ([other(341.4, 0.0), other(310.0, 8.0)], True),
+        ([other(341.4, 0.0), other(270.0, 8.0)], True),
+        ([other(341.4, 0.0), other(250.0, 8.0)], False),
+        ([other(310.0, 8.0)], False),
     ],
 )
-def test_an_exit_that_is_blocked_closes_its_lane(routes, front, speed, lane, closed):
-    other = VehicleState("a", x=front, y=0.0, speed=speed, lane=lane, length=4.5)
-    lines = closed_lines(routes, lights(routes, "G"), EGO, (other,))
-    assert {lane for line in lines for lane in line.lanes} == closed
+def test_a_blocked_exit_closes_its_lane(others, closed):
+    line = StopLine(frozenset({others[0].lane}), 299.0)
+    assert lines(GREEN, ego(260.0), others) == ((line,) if closed else ())
 
 
-def test_a_blocked_exit_does_not_stop_an_ego_that_is_too_near(routes):
-    other = VehicleState("a", x=320.0, y=0.0, speed=0.0, lane=2)
-    assert closed_lines(routes, lights(routes, "G"), replace(EGO, x=280.0), (other,)) == ()
+def test_a_blocked_exit_stops_nobody_who_cannot_stop_unless_told():
+    blocked, two = [other(330.0, 0.0)], StopLine(frozenset({2}), 299.0)
+    assert lines(GREEN, ego(290.0), blocked) == ()
+    assert lines(GREEN, ego(290.0), blocked, told=(ALL,)) == (two,)
+    assert lines(GREEN, ego(290.0), blocked, told=(StopLine(frozenset({1}), 299.0),)) == ()
 
 
-def test_lanes_that_do_not_go_on_are_closed_whatever_the_light(routes):
-    ego = replace(EGO, x=1400.0)
-    assert closed_lines(routes, lights(routes, "G"), ego, ()) == (StopLine(frozenset({1, 3}), 1599.0),)
-    assert closed_lines(routes, lights(routes, "r"), ego, ()) == (StopLine(EVERY, 1599.0),)
-    assert closed_lines(routes, lights(routes, "r"), replace(ego, x=1300.0), ()) == ()
+def at_last(where, state="rrrGGG"):
+    return closed_lines(ROUTES, {"signal_3": GREEN, "signal_4": state}, where, ())
 
 
-def test_a_lane_that_ends_without_a_signal_is_closed_there():
-    routes = Routes(read_network(NETWORKS / "highway_ramps.net.xml", Road(4, 4.0)))
-    ego = replace(EGO, x=1560.0, y=-2.0, lane=3)
-    assert closed_lines(routes, {}, ego, ()) == (StopLine(frozenset({4}), 1799.0),)
-    assert closed_lines(routes, {}, replace(ego, x=3900.0), ()) == (StopLine(frozenset({4}), 4099.0),)
+def test_lanes_that_only_turn_end_at_the_last_signal():
+    left = VehicleState("ego", x=1400.0, y=4.0, speed=10.0, lane=1)
+    end, beside = StopLine(frozenset({1}), 1599.0), StopLine(frozenset({3}), 1400.0)
+    assert at_last(left) == (beside, end)
+    # Also while it leaves the lane: 1 m beside the centre of lane 2 its body of 1.8 m is in lane 2 alone.
+    leaving = VehicleState("ego", x=1400.0, y=1.2, speed=10.0, lane=2)
+    assert at_last(leaving) == (beside, end)
+    assert at_last(VehicleState("ego", x=1400.0, y=1.0, speed=10.0, lane=2)) == (StopLine(frozenset({1, 3}), 1400.0),)
 
 
-@pytest.mark.parametrize(
-    ("letter", "before", "after", "lane", "red"),
-    [
-        ("r", 299.0, 301.0, 2, True),
-        ("r", 300.0, 302.0, 2, True),
-        ("r", 298.0, 300.0, 2, False),
-        ("r", 301.0, 303.0, 2, False),
-        ("G", 299.0, 301.0, 2, False),
-        ("y", 299.0, 301.0, 2, False),
-        # At the fourth junction lane 1 leads to the left only.
-        ("G", 1599.0, 1601.0, 1, True),
-        ("G", 1599.0, 1601.0, 2, False),
-    ],
-)
-def test_passing_at_red(routes, letter, before, after, lane, red):
-    start, end = replace(EGO, x=before), replace(EGO, x=after)
-    assert breaches(routes, lights(routes, letter), start, end, lane) == Breaches(red_light=red)
-
-
-@pytest.mark.parametrize(
-    ("front", "speed", "stands"),
-    [(300.0, 0.0, False), (300.5, 0.0, True), (328.9, 0.09, True), (328.9, 0.1, False), (329.0, 0.0, False)],
-)
-def test_standing_inside_a_junction(routes, front, speed, stands):
-    now = replace(EGO, x=front, speed=speed)
-    assert breaches(routes, lights(routes, "G"), now, now, 2) == Breaches(junction_stop=stands)
+def test_a_lane_that_ends_soon_is_not_entered():
+    beside = StopLine(frozenset({1, 3}), 1400.0)
+    assert at_last(ego(1400.0)) == (beside,)
+    assert at_last(ego(1400.0), "rrrrrr") == (beside, StopLine(frozenset({2}), 1599.0))
+    # 417 m before its end.
+    assert at_last(ego(1182.0)) == ()
+    assert at_last(ego(1184.0)) == (StopLine(frozenset({1, 3}), 1184.0),)
