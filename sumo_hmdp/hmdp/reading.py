@@ -53,7 +53,7 @@ def read_maneuver(
 
 
 def _mode(share: float, last: ManeuverState | None, limits: ReadingThresholds) -> Mode:
-    """Return the mode of an acceleration, given as a share of the modes' own."""
+    """Return the mode of an acceleration, given as a share of the modes' own (docs/formulation.md, eq. 28)."""
     for mode in (Mode.ACCELERATE, Mode.DECELERATE):
         held = last is not None and last.mode is mode
         if share * mode > (limits.accel_ceases if held else limits.accel_begins):
@@ -62,7 +62,7 @@ def _mode(share: float, last: ManeuverState | None, limits: ReadingThresholds) -
 
 
 def _lane(vehicle: VehicleState, road: Road, last: ManeuverState | None, limits: ReadingThresholds) -> int:
-    """Return the lane it moves toward, or the one it is in."""
+    """Return the lane it moves toward, or the one it is in (docs/formulation.md, eq. 29)."""
     here = road.lane_at(vehicle.y)
     speed = vehicle.lateral_speed
     ahead = road.lane_headed_for(vehicle.y, speed)

@@ -1,4 +1,4 @@
-"""The Intelligent Driver Model over arrays, as SUMO computes it, and its equilibrium.
+"""The Intelligent Driver Model over arrays, as SUMO computes it, and its equilibrium (docs/formulation.md, section 15).
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic simulations",
 Phys. Rev. E 62, 2000. SUMO's MSCFModel_IDM differs from the paper in one thing: the dynamic part of the wanted gap
@@ -73,7 +73,7 @@ def own_terms(drivers: Drivers, speed: FloatArray) -> FloatArray:
 
 
 def accel_behind(own: FloatArray, gap: FloatArray, lead_speed: ArrayLike) -> FloatArray:
-    """Return the acceleration behind a leader [m/s2], at least -EMERGENCY_DECEL.
+    """Return the acceleration behind a leader [m/s2], at least -EMERGENCY_DECEL (docs/formulation.md, eq. 24).
 
         a (1 - (v / v0)^delta - (s* / gap)^2),   s* = s0 + max(0, v T + v closing_speed / (2 sqrt(a b)))
 
@@ -104,7 +104,9 @@ def idm_accel(drivers: Drivers, speed: FloatArray, gap: FloatArray, lead_speed: 
 
 
 def equilibrium_gap(drivers: Drivers, speed: ArrayLike) -> FloatArray:
-    """Return the gap at which a follower keeps its leader's speed [m], (s0 + v T) / sqrt(1 - (v / v0)^delta).
+    """Return the gap at which a follower keeps its leader's speed [m] (docs/formulation.md, eq. 25).
+
+        (s0 + v T) / sqrt(1 - (v / v0)^delta)
 
     Args:
         drivers: of n vehicles.

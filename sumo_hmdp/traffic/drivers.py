@@ -205,10 +205,10 @@ def _km_per_h(mean: float, std: float, low: float, high: float) -> TruncatedNorm
     return TruncatedNormal(mean / 3.6, std / 3.6, low / 3.6, high / 3.6)
 
 
-# Kesting, Treiber, Helbing, "Enhanced intelligent driver model to access the impact of driving strategies on traffic
-# capacity", Phil. Trans. R. Soc. A 368, 2010: 120 and 85 km/h, T = 1.5 s, s0 = 2 m, a = 1.4 and 0.7 m/s2, b = 2 m/s2,
-# delta = 4. Treiber's pages on the IDM and MOBIL (traffic-simulation.de) have 1.7 s for trucks and a politeness of
-# 0 to 0.5. The spread within a class, the sizes and the shares are ours, as is the city's: 50 km/h.
+# All of these are stated choices, of the size of published ones: on a highway 120 and 85 km/h, T = 1.5 and 1.7 s,
+# s0 = 2 m, a = 1.4 and 0.7 m/s2, b = 2 m/s2, delta = 4, after Kesting, Treiber, Helbing, "Enhanced intelligent driver
+# model to access the impact of driving strategies on traffic capacity", Phil. Trans. R. Soc. A 368, 2010. Treiber's
+# page on MOBIL calls a politeness of 0 to 0.5 realistic. In the city 50 km/h.
 _POLITENESS = TruncatedNormal(0.25, 0.1, 0.0, 0.5)
 _CAR_GAP, _TRUCK_GAP = TruncatedNormal(1.5, 0.25, 0.9, 2.4), TruncatedNormal(1.7, 0.25, 1.1, 2.6)
 HIGHWAY_CLASSES = (

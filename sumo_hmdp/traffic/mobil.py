@@ -1,4 +1,4 @@
-"""MOBIL for the traffic: who changes lanes, of all vehicles of a step at once.
+"""MOBIL for the traffic: who changes lanes, of all vehicles of a step at once (docs/formulation.md, eqs. 26 and 27).
 
 Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following models", Transportation Research
 Record 1999, 2007. With a the acceleration now and a' the one after the change, of the changer c, of the follower n
@@ -40,14 +40,17 @@ class Passing(StrEnum):
 
 @dataclass(frozen=True)
 class LaneChangeRule:
-    """What holds for all drivers; the numbers are those of the paper.
+    """What holds for all drivers.
+
+    The threshold and safe_decel are the defaults that other implementations quote from the paper; the other numbers are
+    stated choices.
 
     Attributes:
         passing: where one may pass.
         threshold: incentive above which one changes [m/s2].
         safe_decel: how hard the new follower may have to brake, positive [m/s2]. The changer itself too, unless it
             brakes harder already: a bias must not send anybody against the new leader.
-        right_bias: added to the incentive to go right, taken from that to go left [m/s2]; the paper has 0.3 with
+        right_bias: added to the incentive to go right, taken from that to go left [m/s2], such as 0.3 with
             LEFT_ONLY. It keeps right only where it is above the threshold.
         critical_speed: up to which traffic in the left lane is congested and may be passed on the right [m/s].
         least_gap: to the new leader and to the new follower [m].
