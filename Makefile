@@ -5,7 +5,7 @@ VENV_PYTHON := .venv/bin/python -P
 SOURCES := $(shell find sumo_hmdp networks scenarios -type f -not -name '*.pyc')
 OUT ?= results
 
-.PHONY: help setup study test check browser paper bench lock clean
+.PHONY: help setup study test check browser paper bench bench-traffic lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -51,6 +51,10 @@ paper: setup ## every figure and claim of the paper from our runs, into docs/ (a
 bench: setup ## decision times by horizon and vehicles, into docs/benchmarks.md (about ten minutes)
 	$(VENV_PYTHON) analysis/04_decision_times.py > docs/benchmarks.md.partial
 	mv docs/benchmarks.md.partial docs/benchmarks.md
+
+bench-traffic: setup ## simulated seconds per second in traffic, and where the time goes, into docs/throughput.md (about two minutes)
+	$(VENV_PYTHON) analysis/06_throughput.py > docs/throughput.md.partial
+	mv docs/throughput.md.partial docs/throughput.md
 
 lock: ## pin today's versions of all dependencies
 	rm -rf .venv-lock && $(PYTHON) -m venv .venv-lock

@@ -1,0 +1,241 @@
+"""How many seconds of traffic one second of computing simulates, and where the time goes.
+
+The scenario is `highway` with a fixed number of background vehicles. Everything is measured in one process on the same
+traffic, in turns: the closed loop with each solver, and SUMO alone. Absolute times depend on the machine; the ratios
+are what to quote. Run it with `make bench-traffic`.
+"""
+
+import argparse
+import importlib.util
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from sumo_hmdp.planning import decide
+from sumo_hmdp.planning.planner import HmdpPlanner
+from sumo_hmdp.scenario.load import ReadyRun, RunOptions, find_scenario, load_scenario
+from sumo_hmdp.sim import libsumo_world
+from sumo_hmdp.sim.background import Background
+from sumo_hmdp.sim.episode import TraceHash
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.motion import BicycleMotion
+from sumo_hmdp.study import run as study_run
+from sumo_hmdp.study.record import Recorder
+from sumo_hmdp.study.run import execute
+
+libsumo = libsumo_world.libsumo  # type: ignore[attr-defined]
+
+SOLVERS = ("search", "milp")
+# Where the time goes: what is timed, and the row of the table that its own time counts in, without what it calls.
+STEP, READ, MOBIL, WORLD = "SUMO's step", "reading", "MOBIL", "ego, ghost and entering vehicles"
+PREDICT, SOLVE, TRACK, RECORD, REST = "prediction", "corridors and solving", "tracking", "recording", "the loop itself"
+STAGES: tuple[tuple[str, Any, str], ...] = (
+    (STEP, libsumo, "simulationStep"),
+    (READ, Background, "read"),
+    (READ, LibsumoWorld, "observe"),
+    (READ, LibsumoWorld, "crossing"),
+    (MOBIL, Background, "change_lanes"),
+    (WORLD, LibsumoWorld, "advance"),
+    (PREDICT, decide, "predict"),
+    (PREDICT, decide, "margins"),
+    (SOLVE, HmdpPlanner, "decide"),
+    (TRACK, BicycleMotion, "move"),
+    (RECORD, Recorder, "observe"),
+    (RECORD, Recorder, "step_table"),
+    (RECORD, Recorder, "decision_table"),
+    (RECORD, study_run, "run_metrics"),
+    (RECORD, TraceHash, "add"),
+)
+
+
+@dataclass
+class Stopwatch:
+    """Own time of nested calls by row [s]."""
+
+    times: dict[str, float] = field(default_factory=dict)
+    _inner: list[float] = field(default_factory=lambda: [0.0])
+
+    def timed(self, row: str, action: Callable[..., object]) -> Callable[..., object]:
+        """Return the action, whose own time counts in a row."""
+
+        def call(*args: object, **options: object) -> object:
+            self._inner.append(0.0)
+            started = time.perf_counter()
+            try:
+                return action(*args, **options)
+            finally:
+                span = time.perf_counter() - started
+                own = span - self._inner.pop()
+                self._inner[-1] += span
+                self.times[row] = self.times.get(row, 0.0) + own
+
+        return call
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Time all stages."""
+        with ExitStack() as stack:
+            for row, owner, name in STAGES:
+                action = getattr(owner, name)
+                stack.callback(setattr, owner, name, action)
+                setattr(owner, name, self.timed(row, action))
+            yield
+
+
+def traffic(vehicles: int, solver: str, seed: int) -> ReadyRun:
+    """Return `highway` with a number of background vehicles, none of which enters or leaves."""
+    text = find_scenario("highway").read_text()
+    density = "density_vpkm_per_lane: 15.0"
+    if text.count(density) != 1:
+        raise SystemExit(f"the scenario highway must have the line `{density}`")
+    # Three lanes of two kilometres.
+    changed = text.replace(density, f"density_vpkm_per_lane: {vehicles / 6.0!r}\n  inflow: false")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "highway.yaml"
+        path.write_text(changed)
+        return load_scenario(path, RunOptions(solver=solver, seed=seed))
+
+
+def closed_loop(run: ReadyRun) -> tuple[float, float, dict[str, float]]:
+    """Return simulated and wall-clock time of a run [s], and where the latter went."""
+    watch = Stopwatch()
+    started = time.perf_counter()
+    with watch.watching():
+        record = execute(run, detailed=False)
+    wall = time.perf_counter() - started
+    watch.times[REST] = wall - sum(watch.times.values())
+    return float(record.row["duration_s"]), wall, watch.times
+
+
+def bare(run: ReadyRun) -> float:
+    """Return the wall-clock time of a step of SUMO with the same traffic, untouched [s]."""
+    with LibsumoWorld(run.world, run.episode.ego, run.spawns):
+        started = time.perf_counter()
+        for _ in range(run.episode.steps):
+            libsumo.simulationStep()
+        return (time.perf_counter() - started) / run.episode.steps
+
+
+def driven(run: ReadyRun) -> float:
+    """Return how many seconds the world simulates in one, with an ego that keeps its speed and lane."""
+    ego, dt = run.episode.ego, run.episode.dt
+    with LibsumoWorld(run.world, ego, run.spawns) as world:
+        started = time.perf_counter()
+        for step in range(run.episode.steps):
+            world.advance(replace(ego, x=ego.x + ego.speed * (step + 1) * dt), {})
+            world.observe()
+        return run.episode.duration / (time.perf_counter() - started)
+
+
+def highway_env_speed(vehicles: int, seconds: int, seed: int) -> tuple[str, float]:
+    """Return the version of highway-env, and how many seconds its `highway-v0` simulates in one at 15 Hz."""
+    import gymnasium  # noqa: PLC0415
+    import highway_env  # noqa: PLC0415
+
+    gymnasium.register_envs(highway_env)
+    config = {"vehicles_count": vehicles, "simulation_frequency": 15, "policy_frequency": 1, "duration": seconds}
+    env = gymnasium.make("highway-v0", config=config)
+    env.reset(seed=seed)
+    idle, spent = 1, 0.0
+    for second in range(seconds):
+        started = time.perf_counter()
+        _, _, terminated, truncated, _ = env.step(idle)
+        spent += time.perf_counter() - started
+        if terminated or truncated:
+            env.reset(seed=seed + second + 1)
+    env.close()
+    return version("highway-env"), seconds / spent
+
+
+def report(vehicles: int, repeats: int, seed: int) -> None:
+    """Print the closed loop's speed, where its time goes, and SUMO's own."""
+    runs = {solver: traffic(vehicles, solver, seed) for solver in SOLVERS}
+    for run in runs.values():
+        execute(run, detailed=False)
+    rates: dict[str, list[float]] = {solver: [] for solver in SOLVERS}
+    spent: dict[str, list[dict[str, float]]] = {solver: [] for solver in SOLVERS}
+    steps = []
+    for _ in range(repeats):
+        steps.append(bare(runs["search"]))
+        for solver, run in runs.items():
+            simulated, wall, times = closed_loop(run)
+            rates[solver].append(simulated / wall)
+            spent[solver].append({row: 1000 * span / simulated for row, span in times.items()})
+    dt = runs["search"].episode.dt
+    alone = statistics.median(steps)
+    print("## The closed loop\n")
+    print("| what | simulated seconds per second |")
+    print("|---|---|")
+    for solver in SOLVERS:
+        print(f"| planner hmdp_mpc, {solver} | {statistics.median(rates[solver]):.1f} |")
+    print(f"| SUMO alone, same traffic | {dt / alone:.0f} |\n")
+    print("## Where the time goes\n")
+    print("Own time [ms] per simulated second, and its share of the whole.\n")
+    print("| stage | " + " | ".join(SOLVERS) + " |")
+    print("|---|" + "---|" * len(SOLVERS))
+    table = {
+        solver: {row: statistics.median(times[row] for times in spent[solver]) for row in spent[solver][0]}
+        for solver in SOLVERS
+    }
+    for row in dict.fromkeys([*(row for row, _, _ in STAGES), REST]):
+        cells = (f"{table[s][row]:.2f} ({table[s][row] / sum(table[s].values()):.0%})" for s in SOLVERS)
+        print(f"| {row} | " + " | ".join(cells) + " |")
+    world = sum(table["search"][row] for row in (STEP, READ, MOBIL, WORLD)) * dt
+    inside = table["search"][STEP] * dt
+    print(
+        f"\nA step of the world takes {world:.2f} ms, {world / (1000 * alone):.1f} times a step of SUMO alone "
+        f"({1000 * alone:.2f} ms). SUMO's step inside it takes {inside:.2f} ms: the ego is moved and its neighbours "
+        "change lanes.\n"
+    )
+
+
+def compare(vehicles: int, repeats: int, seed: int) -> None:
+    """Print our world next to highway-env's, if that is installed."""
+    print(f"## Next to highway-env, {vehicles} vehicles\n")
+    if importlib.util.find_spec("highway_env") is None:
+        print("highway-env is not installed here (`pip install highway-env`), so there is nothing to compare with.")
+        return
+    run = traffic(vehicles, "search", seed)
+    execute(run, detailed=False)
+    theirs, world, loop, name = [], [], [], ""
+    for turn in range(repeats):
+        name, rate = highway_env_speed(vehicles, 40, seed + 100 * turn)
+        theirs.append(rate)
+        world.append(driven(run))
+        simulated, wall, _ = closed_loop(run)
+        loop.append(simulated / wall)
+    other = statistics.median(theirs)
+    print("| what | simulated seconds per second | ratio |")
+    print("|---|---|---|")
+    print(f"| highway-env {name}, `highway-v0`, 15 Hz, ego idle, observed | {other:.1f} | 1.0 |")
+    for label, rates in (("our world, ego cruising, observed", world), ("our closed loop, search", loop)):
+        rate = statistics.median(rates)
+        print(f"| {label}, {1 / run.episode.dt:g} Hz | {rate:.1f} | {rate / other:.1f} |")
+
+
+def main() -> None:
+    """Run all benchmarks and print Markdown."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--vehicles", type=int, default=100, help="in the background")
+    parser.add_argument("--repeats", type=int, default=5, help="runs of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    print("# Throughput\n")
+    arguments = f"--vehicles {options.vehicles} --repeats {options.repeats} --seed {options.seed}"
+    print(f"Written by `make bench-traffic` (`analysis/{Path(__file__).name} {arguments}`).")
+    print(
+        f"`highway` with {options.vehicles} background vehicles, medians of {options.repeats} runs in turns, nothing "
+        "is written to files. Everything in one process on one machine, two shared cores; only the ratios carry over.\n"
+    )
+    report(options.vehicles, options.repeats, options.seed)
+    compare(50, options.repeats, options.seed)
+
+
+if __name__ == "__main__":
+    main()
