@@ -195,7 +195,7 @@ class LibsumoWorld:
             return ()
         return tuple(sorted(self._background.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
 
-    def stop_lines(self, others: Iterable[VehicleState], told: Iterable[StopLine] = ()) -> tuple[StopLine, ...]:
+    def stop_lines(self, others: Iterable[VehicleState], told: Sequence[StopLine] = ()) -> tuple[StopLine, ...]:
         """Return the stop lines that are closed to the ego now.
 
         Args:

@@ -1,7 +1,7 @@
 """Which stop lines are closed to the ego: red, amber it can stop for, an exit that is blocked, a lane that ends."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +46,7 @@ def closed_lines(
     lights: Mapping[str, str],
     ego: VehicleState,
     others: Iterable[VehicleState],
-    told: Iterable[StopLine] = (),
+    told: Sequence[StopLine] = (),
 ) -> tuple[StopLine, ...]:
     """Return the lines that are closed to the ego now.
 
@@ -70,20 +70,26 @@ def closed_lines(
         if not _in_lane(routes.network.road, ego, index + 1):
             closed.setdefault(ego.x, set()).add(index + 1)
         elif end <= ego.x + _SIGHT:
-            closed.setdefault(_stopping_place(ego, end), set()).add(index + 1)
+            closed.setdefault(_stopping_place(ego, end, told), set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
         held = {lane for line in told if signal.x_stop - _BEFORE_LINE <= line.x <= signal.x_stop for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
             if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
-                closed.setdefault(_stopping_place(ego, signal.x_stop), set()).add(lane)
+                closed.setdefault(_stopping_place(ego, signal.x_stop, told), set()).add(lane)
     return tuple(StopLine(frozenset(lanes), x) for x, lanes in sorted(closed.items()))
 
 
-def _stopping_place(ego: VehicleState, x_stop: float) -> float:
-    """Return where the ego is to stop before a line [m]: who is nearer already has not passed the line by that."""
+def _stopping_place(ego: VehicleState, x_stop: float, told: Sequence[StopLine]) -> float:
+    """Return where the ego is to stop before a line [m].
+
+    Who is a little beyond that place has not passed the line: it is to stop as soon as it can, and to stay there.
+    """
     place = x_stop - _BEFORE_LINE
-    return place if ego.x <= place else min(x_stop, ego.x + _needed(ego.speed))
+    if ego.x <= place:
+        return place
+    before = [line.x for line in told if ego.x <= line.x <= x_stop]
+    return min([x_stop, *(before or [ego.x + _needed(ego.speed)])])
 
 
 def _in_lane(road: Road, ego: VehicleState, lane: int) -> bool:

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+import yaml
 
+import sumo_hmdp
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 
@@ -25,3 +27,26 @@ def test_the_traffic_has_no_contacts(seed):
     # There was something to go wrong: changes and turns, and queues.
     assert len(seen) > 10
     assert stood > 500
+
+
+def test_a_ride_through_the_town(call, tmp_path):
+    # Seed 100 meets green, amber, red and queues at the first two signals within 120 s.
+    document = yaml.safe_load(URBAN.read_text())
+    document["duration_s"] = 120.0
+    short = tmp_path / "urban.yaml"
+    short.write_text(yaml.safe_dump(document))
+    finished = call("run", short, "--solver", "search", "--seed", 100, "--out", tmp_path / "out")
+    assert finished.code == 0, finished.err
+    results = sumo_hmdp.load(tmp_path / "out")
+    run = results.runs.iloc[0]
+    rules = ("red_light_count", "junction_stop_count", "background_contact_count", "contact_at_fault_count")
+    assert [run[name] for name in rules] == [0] * len(rules)
+    assert run.status == "completed"
+    decided = results.decisions.status
+    assert (decided == "optimal").mean() >= 0.98
+    ego = results.steps[results.steps.vehicle_id == "ego"]
+    # It has stood, before a line or behind a queue, and started again.
+    stood = ego[ego.speed_mps < 0.1]
+    assert len(stood) > 10
+    assert ego.x_m.iloc[-1] > stood.x_m.max() + 20.0
+    assert ego.x_m.iloc[-1] > 774.0

@@ -44,8 +44,10 @@ def test_who_stands_a_little_beyond_its_place_has_not_passed(state):
     assert lines(state, ego(299.02, speed=0.0)) == (StopLine(frozenset({1, 2, 3}), 299.02),)
     # Rolling at 0.061 m/s it comes 0.061 m and 0.061^2 / 6.1 m farther.
     assert lines(state, ego(299.02, speed=0.061))[0].x == pytest.approx(299.02 + 0.061 + 0.00061)
-    # Told so, it stays told, until it has passed the line itself.
-    assert lines(AMBER, ego(299.5, speed=2.0), told=lines(RED, ego(299.4))) == (StopLine(frozenset({1, 2, 3}), 300.0),)
+    # Told so, it stays told, and the place does not move on with it.
+    told = (StopLine(frozenset({1, 2, 3}), 299.4),)
+    assert lines(state, ego(299.3, speed=0.5), told=told) == told
+    assert lines(AMBER, ego(299.5, speed=2.0), told=told) == (StopLine(frozenset({1, 2, 3}), 300.0),)
     assert lines(state, ego(300.1, speed=0.0)) == ()
 
 
