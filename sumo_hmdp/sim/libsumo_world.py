@@ -231,7 +231,8 @@ class LibsumoWorld:
     def sumo_contacts(self) -> tuple[tuple[str, str], ...]:
         """Return SUMO's own (collider, victim) pairs with the ego that are new since the last call, sorted.
 
-        SUMO looks along one lane only and sees the positions before the ego is moved: a cross-check only.
+        SUMO looks along one lane only and sees the positions before the ego is moved: a cross-check only, and none
+        where there is background traffic.
 
         Raises:
             SimulationError: the world is not open.
@@ -397,7 +398,14 @@ def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others
         types_file = Path(folder) / "types.add.xml"
         types_file.write_text(vehicle_types(ego, others, settings.dt, settings.ego_driver))
         try:
-            command = sumo_command(settings.net_file, types_file, settings.dt, settings.seed, settings.lane_change_time)
+            command = sumo_command(
+                settings.net_file,
+                types_file,
+                settings.dt,
+                settings.seed,
+                settings.lane_change_time,
+                finds_collisions=settings.background is None,
+            )
             if _IN_WINDOW and ego is not None:
                 command = window.command(command)
             try:

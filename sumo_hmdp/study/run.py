@@ -129,7 +129,7 @@ def _record(
         **run_metrics(steps, decisions, run.parameters.get("desired_speed_mps")),
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
-        "sumo_contact_count": recorder.sumo_contacts,
+        "sumo_contact_count": recorder.sumo_contacts if run.world.background is None else None,
         "background_contact_count": recorder.background_contacts,
         "red_light_count": recorder.red_lights,
         "junction_stop_count": recorder.junction_stops,
