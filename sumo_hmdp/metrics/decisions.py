@@ -95,7 +95,7 @@ DECISIONS = (
         for name, label, definition in (
             ("contact_count", "contacts", "vehicles whose body overlaps the ego's at the run's end"),
             ("contact_at_fault_count", "contacts at fault", "by the ego's front, or its side in a lane change"),
-            ("sumo_contact_count", "contacts by SUMO", "instants at which SUMO's own list names the ego; missing in traffic"),
+            ("sumo_contact_count", "contacts by SUMO", "instants at which its own list names the ego; not in traffic"),
             ("tracking_failure_count", "tracking failures", "steps whose tracking problem was not solved"),
             ("deadline_miss_count", "deadline misses", "decisions that took longer than the period"),
         )
