@@ -17,7 +17,7 @@ def test_the_traffic_has_no_contacts(seed):
     ready = load_scenario(URBAN, RunOptions(planner="sumo", seed=seed))
     seen, stood = set(), 0
     with LibsumoWorld(ready.world, ready.episode.ego, ready.spawns) as world:
-        for _ in range(600):
+        for _ in range(575):
             world.advance(None, {})
             states = world.observe()
             seen |= {state.id for state in states if abs(state.lateral_speed) > 0.5}
@@ -30,9 +30,9 @@ def test_the_traffic_has_no_contacts(seed):
 
 
 def test_a_ride_through_the_town(call, tmp_path):
-    # Seed 100 meets green, amber, red and queues at the first two signals within 120 s.
+    # Seed 100 has to stop at the first signal, at 300 m, and crosses it at the next green, at 60 s.
     document = yaml.safe_load(URBAN.read_text())
-    document["duration_s"] = 120.0
+    document["duration_s"] = 69.0
     short = tmp_path / "urban.yaml"
     short.write_text(yaml.safe_dump(document))
     finished = call("run", short, "--solver", "search", "--seed", 100, "--out", tmp_path / "out")
@@ -48,5 +48,5 @@ def test_a_ride_through_the_town(call, tmp_path):
     # It has stood, before a line or behind a queue, and started again.
     stood = ego[ego.speed_mps < 0.1]
     assert len(stood) > 10
-    assert ego.x_m.iloc[-1] > stood.x_m.max() + 20.0
-    assert ego.x_m.iloc[-1] > 774.0
+    assert 290.0 < stood.x_m.max() < 300.0
+    assert ego.x_m.iloc[-1] > 324.0
