@@ -9,7 +9,7 @@ HIGHWAY = (SCENARIOS / "highway.yaml").read_text(encoding="utf-8")
 RAMPS = (SCENARIOS / "highway_ramps.yaml").read_text(encoding="utf-8")
 CASE2 = (SCENARIOS / "case2.yaml").read_text(encoding="utf-8")
 DENSITY = "  density_vpkm_per_lane: 15.0\n"
-STRETCH = "stretch_m: [0.0, 2000.0]"
+STRETCH = "stretch_m: [0.0, 2500.0]"
 IN_TRAFFIC = "in_traffic: true"
 MODES = "{accelerate: 0.04, cruise: 0.86, decelerate: 0.10}"
 # Nobody moves before the run, so that places are known.
@@ -177,7 +177,7 @@ MISTAKES = {
         [("ego.in_traffic: must be in a lane with background traffic, got lane 2; change ego.lane or the traffic")],
     ),
     "a goal that is passed": (
-        [COLD, (IN_TRAFFIC, "in_traffic: false\n  speed_mps: 30.0\n  goal_x_m: 100.0"), ("x_m: 2000.0", "x_m: 3000.0")],
+        [COLD, (IN_TRAFFIC, "in_traffic: false\n  speed_mps: 30.0\n  goal_x_m: 100.0"), ("x_m: 1300.0", "x_m: 3000.0")],
         [
             (
                 "ego.goal_x_m: must be ahead of the ego's start at 3000 m and before the road's end at 9000 m, got "
@@ -260,7 +260,7 @@ def test_a_place_that_is_taken_is_refused_before_the_run(call, tmp_path):
     from sumo_hmdp.scenario.load import RunOptions, load_scenario  # noqa: PLC0415
 
     text = changed(
-        HIGHWAY, [COLD, (IN_TRAFFIC, "in_traffic: false\n  speed_mps: 30.0"), ("x_m: 2000.0", "x_m: -900.0")]
+        HIGHWAY, [COLD, (IN_TRAFFIC, "in_traffic: false\n  speed_mps: 30.0"), ("x_m: 1300.0", "x_m: -900.0")]
     )
     (tmp_path / "free.yaml").write_text(text, encoding="utf-8")
     crowd = load_scenario(tmp_path / "free.yaml", RunOptions()).spawns
