@@ -55,6 +55,9 @@ OPTIONS = {
     "dask",
     "limit",
     "dry-run",
+    "metric",
+    "by",
+    "json",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 
