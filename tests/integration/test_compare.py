@@ -23,7 +23,7 @@ def test_compare_in_words_and_as_json(call, results):
     assert " m/s slower than hmdp_mpc (95 % interval " in lines[0]
     assert "too few data: 0 pairs of constant and hmdp_mpc with a share of optimal decisions" in lines[4]
     table = call("compare", results, "--metric", "ttc_min_s", "--metric", "contact_rate").out
-    for text in ("hmdp_mpc", "constant", "contact_rate", "0/9 [0, 0.34]", "median inf, 9 inf"):
+    for text in ("hmdp_mpc", "constant", "contact_rate", "0/9 [0, 0.34]"):
         assert text in table
 
     options = ("--metric", "ttc_min_s", "--metric", "contact_rate", "--by", "planner", "--json")
@@ -31,8 +31,6 @@ def test_compare_in_words_and_as_json(call, results):
     assert (content["by"], content["metrics"]) == (["planner"], ["ttc_min_s", "contact_rate"])
     assert [(row["first"], row["second"]) for row in content["differences"]] == [("constant", "hmdp_mpc")] * 2
     assert [(row["hits"], row["trials"]) for row in content["rates"]] == [(0, 9), (0, 9)]
-    infinite = next(row for row in content["means"] if row["infinite_count"])
-    assert (infinite["mean"], infinite["median"]) == (None, "inf")
 
 
 def test_what_cannot_be_compared_is_said(call, results, tmp_path):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import sumo_hmdp
+from sumo_hmdp.cli_compare import compare
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.report.study_comparison import DEFAULT_METRICS, wording
 
@@ -136,6 +137,20 @@ def test_without_metrics_the_usual_ones(study):
     found = sumo_hmdp.compare(study)
     assert found.metrics == DEFAULT_METRICS
     assert set(found.differences["metric"]) == set(DEFAULT_METRICS)
+
+
+def test_infinite_and_missing_values_as_they_are_shown(tmp_path, capsys):
+    inf, nan = math.inf, math.nan
+    write_cell(tmp_path, "a", {"planner": "a"}, ttc_min_s=[2.0, 4.0, inf], optimal_share=[nan] * 3)
+    write_cell(tmp_path, "b", {"planner": "b"}, ttc_min_s=[inf, inf, 3.0], optimal_share=[0.5, 1.0, nan])
+    compare(tmp_path, ["ttc_min_s", "optimal_share"])
+    lines = [[text.strip() for text in line.split("│")[1:-1]] for line in capsys.readouterr().out.splitlines()]
+    # t(0.975, 1) = 12.706 times the standard error 0.25.
+    assert lines[3:5] == [["a", "median 4, 1 inf", "-"], ["b", "median inf, 2 inf", "0.75 [-2.427, 3.927]"]]
+    compare(tmp_path, ["ttc_min_s"], as_json=True)
+    content = json.loads(capsys.readouterr().out)
+    assert [(row["mean"], row["median"]) for row in content["means"]] == [(None, 4.0), (None, "inf")]
+    assert content["differences"][0]["infinite_count"] == 3
 
 
 def test_one_cell_alone(tmp_path):
