@@ -212,6 +212,8 @@ def _differences(cells: Sequence[_Cell], compared: Sequence[str], metrics: Seque
             binary = is_binary(first.runs[metric])
             where = first.label(alike) if alike else ""
             found.append((where, compare_pairs(one, two, metric, (names[0], names[1]), binary, level)))
+    places = list(dict.fromkeys(where for where, _ in found))
+    found.sort(key=lambda item: places.index(item[0]))
     adjusted = holm(np.array([comparison.p_value for _, comparison in found]))
     rows = []
     for (where, comparison), p_adjusted in zip(found, adjusted, strict=True):
