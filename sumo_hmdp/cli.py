@@ -1,4 +1,4 @@
-"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of `cli_study`."""
+"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of the other files `cli_*.py`."""
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import json
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sumo_hmdp import cli_study, cli_watch
+from sumo_hmdp import cli_compare, cli_planner, cli_study, cli_watch
 from sumo_hmdp.cli_study import INTERRUPTED
 from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
@@ -336,5 +336,5 @@ def list_all() -> None:
     typer.echo(f"solvers: {', '.join(SOLVERS)}")
 
 
-cli_study.add_commands(app)
-cli_watch.add_commands(app)
+for commands in (cli_study, cli_watch, cli_compare, cli_planner):
+    commands.add_commands(app)

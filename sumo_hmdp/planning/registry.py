@@ -1,8 +1,9 @@
 """Planners by name: those of this package and those that other packages offer as entry points."""
 
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
 from sumo_hmdp.domain.plan import Planner
@@ -136,18 +137,32 @@ def planner_kinds() -> dict[str, PlannerKind]:
     """Return every known planner by name.
 
     Raises:
-        InputError: if two packages offer the same name.
+        InputError: if two packages offer the same name, or one offers what cannot be imported or is no planner.
     """
     kinds = {kind.name: kind for kind in BUILT_IN}
     problems = []
     for entry in entry_points(group=ENTRY_POINT_GROUP):
-        kind: PlannerKind = entry.load()
+        try:
+            kind = entry.load()
+        except Exception as error:  # noqa: BLE001 - anything may go wrong in somebody's module
+            problems.append(Problem(f"planner {entry.name}", _not_loaded(entry, error)))
+            continue
+        if not isinstance(kind, PlannerKind):
+            problems.append(Problem(f"planner {entry.name}", f"{entry.value} must be a PlannerKind, got {kind!r}"))
+            continue
         if kind.name in kinds:
             problems.append(Problem(f"planner {kind.name}", f"must be offered once, got it again from {entry.value}"))
         kinds[kind.name] = kind
     if problems:
         raise InputError(problems)
     return kinds
+
+
+def _not_loaded(entry: EntryPoint, error: Exception) -> str:
+    """Say why a planner cannot be imported, and the last line of its own code in which it broke."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "importlib" not in frame.filename]
+    where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if len(frames) > 1 else ""
+    return f"must be importable from {entry.value}, got {type(error).__name__}: {error}{where}. Correct or uninstall it"
 
 
 def planner_kind(name: str, path: str) -> PlannerKind:

@@ -10,6 +10,7 @@ from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
+from sumo_hmdp.planning.contract import require_decision, steps_per_decision
 from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
@@ -146,11 +147,14 @@ def run_episode(
         world: an open world at time 0.
         planner: decides every `planner.period`, a multiple of dt.
         observe: called with every instant, in order; what it keeps is the record.
+
+    Raises:
+        planning.contract.PlannerError: if the planner's period or a decision cannot be carried out.
     """
     motion = motion_of(settings.motion, settings.bicycle, settings.road, settings.lane_change_time, settings.dt)
     carry = start(settings, motion, planner)
     sumo_contacts: tuple[tuple[str, str], ...] = ()
-    every = round(planner.period / settings.dt)
+    every = steps_per_decision(planner, settings.dt)
     for step in range(settings.steps + 1):
         scene = observe_scene(settings, motion, world, carry, step)
         touching = contacts(scene.ego, (*scene.others, *world.crossing()))
@@ -172,6 +176,7 @@ def run_episode(
             return
         if step % every == 0:
             decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
+            require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, memory, scene)
         # The record is of what was seen; the others react to what was decided.
         decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))

@@ -56,6 +56,9 @@ OPTIONS = {
     "dask",
     "limit",
     "dry-run",
+    "metric",
+    "by",
+    "json",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 

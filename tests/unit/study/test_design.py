@@ -11,7 +11,7 @@ import yaml
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.scenario.checks import data_folder
-from sumo_hmdp.study.design import load_design
+from sumo_hmdp.study.design import find_study, load_design
 
 CASE2 = Path(__file__).parents[3] / "scenarios" / "case2.yaml"
 
@@ -200,3 +200,11 @@ def test_the_command_line_solver_is_for_all_runs(tmp_path):
         load_design(file, "search")
     file.write_text("name: a\nscenarios: [case2]\nseeds: [1]\n")
     assert load_design(file, "search").cells[0].ready.solver == "search"
+
+
+@pytest.mark.parametrize(("name", "cells", "seeds"), [("main", 3, 20), ("highway_epsilon", 6, 50)])
+def test_the_studies_on_the_highway(name, cells, seeds):
+    # The rules have no risk level: one cell.
+    design = load_design(find_study(name))
+    assert (design.file.name, len(design.cells), len(design.seeds)) == (name, cells, seeds)
+    assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * (cells - 1) + ["idm_mobil"]
