@@ -1,4 +1,4 @@
-"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of `cli_study`."""
+"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of `cli_study` and `cli_report`."""
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import json
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sumo_hmdp.cli_study import INTERRUPTED, add_commands
+from sumo_hmdp import cli_report, cli_study
+from sumo_hmdp.cli_study import INTERRUPTED
 from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
 
@@ -335,4 +336,5 @@ def list_all() -> None:
     typer.echo(f"solvers: {', '.join(SOLVERS)}")
 
 
-add_commands(app)
+cli_study.add_commands(app)
+cli_report.add_commands(app)

@@ -55,6 +55,7 @@ OPTIONS = {
     "dask",
     "limit",
     "dry-run",
+    "json",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 
