@@ -26,8 +26,10 @@ setup: .venv/.package ## make .venv and install the package with its pinned depe
 	@$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall --no-build-isolation .
 	@touch $@
 
-study: setup ## the main job: Case 2 in SUMO, with tables and a replay page in results/
+study: setup ## the main job: Case 2 in SUMO with its replay, then a small study in random traffic with its report, in results/
 	.venv/bin/sumo-hmdp run case2 --out $(OUT)
+	.venv/bin/sumo-hmdp study main --out $(OUT)/main
+	.venv/bin/sumo-hmdp report $(OUT)/main
 
 check: setup ## the fast part of the tests: format, lint, types, import rules
 	$(VENV_PYTHON) -m ruff format --check sumo_hmdp tests analysis

@@ -1,0 +1,230 @@
+"""A study as one page: the verdict first, then what it rests on; and every table and figure as a file of its own."""
+
+import math
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from sumo_hmdp.errors import InputError
+from sumo_hmdp.report.study_audit import StudyAudit, audit_sentences, audit_study, audit_table
+from sumo_hmdp.report.study_canvas import StudyFigure
+from sumo_hmdp.report.study_data import StudyData, read_study
+from sumo_hmdp.report.study_figures import (
+    Points,
+    decision_figure,
+    distribution_figure,
+    forest_figure,
+    frontier_figure,
+    risk_figure,
+)
+from sumo_hmdp.report.study_parameters import parameter_table, traffic_table, version_table
+from sumo_hmdp.report.study_svg import inline, svg_of
+from sumo_hmdp.report.study_table import StudyTable
+from sumo_hmdp.report.study_tables import (
+    cell_frame,
+    cell_table,
+    decision_frame,
+    decision_table,
+    distribution_frame,
+    distribution_table,
+    ledger_table,
+    worst_table,
+)
+from sumo_hmdp.report.study_verdict import findings_of, pairs_table, sentences, verdict_table
+from sumo_hmdp.study.store import whole, write_text
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of the report.
+
+    Attributes:
+        id: its anchor.
+        title: its heading.
+        texts: sentences before anything else.
+        figures: what is drawn.
+        tables: what is told in numbers.
+        folded: whether its tables are behind a click on a screen; never in print.
+    """
+
+    id: str
+    title: str
+    texts: tuple[str, ...] = ()
+    figures: tuple[StudyFigure, ...] = ()
+    tables: tuple[StudyTable, ...] = ()
+    folded: bool = False
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """A report before it is written.
+
+    Attributes:
+        data: of the study.
+        verdict: sentences.
+        sections: in order, the verdict first.
+    """
+
+    data: StudyData
+    verdict: tuple[str, ...]
+    sections: tuple[Section, ...]
+
+
+def study_report(folder: Path, page: Path) -> StudyReport:
+    """Compute everything that a report shows.
+
+    Args:
+        folder: written by `sumo-hmdp study`, finished or not.
+        page: where the page will stand.
+
+    Raises:
+        InputError: if the folder is not a study's.
+    """
+    data = read_study(folder)
+    findings = findings_of(data)
+    audit = audit_study(data)
+    cells, spread, decisions = cell_frame(data), distribution_frame(data), decision_frame(data)
+    verdict = (*sentences(data, findings), *audit_sentences(audit))
+    timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
+    sections = (
+        Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
+        Section("frontier", "Risk and efficiency", (), tuple(_frontiers(cells, audit)), (cell_table(cells),)),
+        Section(
+            "risk", "Risk taken over risk asked for", audit.notes,
+            (risk_figure(audit.plans),) if len(audit.plans) else (), (audit_table(audit),),
+        ),
+        Section(
+            "differences", "Differences on common seeds", (), (forest_figure(findings),) if findings else (),
+            (pairs_table(findings),), folded=True,
+        ),
+        Section(
+            "distributions", "Distributions", (), (distribution_figure(spread),) if len(data.ended) else (),
+            (distribution_table(spread),), folded=True,
+        ),
+        Section(
+            "decisions", "Decision times and statuses", (), (decision_figure(decisions),) if timed else (),
+            (decision_table(decisions),),
+        ),
+        Section("worst", "Runs to look at first", tables=(worst_table(data, page),)),
+        Section("ledger", "Failures", tables=(ledger_table(data, page),)),
+        Section(
+            "parameters", "Parameters and versions",
+            tables=(traffic_table(data), parameter_table(data), version_table(data)), folded=True,
+        ),
+    )  # fmt: skip
+    return StudyReport(data, verdict, sections)
+
+
+def _frontiers(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:
+    """Yield the frontier of contacts, and that of violations where plans could be audited."""
+    speeds = {"y": cells["speed_mean_mps"], "y_low": cells["speed_low_mps"], "y_high": cells["speed_high_mps"]}
+    rates = {"x": cells["contact_rate"], "x_low": cells["contact_low_rate"], "x_high": cells["contact_high_rate"]}
+    every = cells.assign(**speeds, **{name: 100 * values for name, values in rates.items()})
+    ran = every[every["y"].notna() & every["x"].notna()]
+    if len(ran):
+        yield frontier_figure("frontier_contacts", Points(ran, "contact rate", ran.iloc[:0]))
+    plans = audit.plans[audit.plans["status"] == "optimal"]
+    if len(ran) and len(plans):
+        names = {"violation_rate": "x", "low_rate": "x_low", "high_rate": "x_high"}
+        measured = plans.rename(columns=names)[["cell_label", *names.values()]]
+        measured[list(names.values())] *= 100
+        joined = ran.drop(columns=list(names.values())).merge(measured, on="cell_label")
+        rest = ran[~ran["cell_label"].isin(joined["cell_label"]) & ran["risk_level"].isna()]
+        yield frontier_figure("frontier_violations", Points(joined, "violation rate per plan", rest))
+
+
+def write_study_report(folder: Path, page: Path | None = None) -> tuple[StudyReport, Path]:
+    """Write the report of a study: the page, and into `report/` of its folder every table and figure.
+
+    The same folder gives the same bytes.
+
+    Args:
+        folder: written by `sumo-hmdp study`.
+        page: the HTML file; without it `report/report.html` in the folder.
+
+    Returns:
+        The report, and where its page stands.
+
+    Raises:
+        InputError: if the folder is not a study's, or the page cannot be written.
+    """
+    target = folder / "report" / "report.html" if page is None else page
+    report = study_report(folder, target)
+    try:
+        files = _write_parts(report, folder / "report")
+        with whole(target) as partial:
+            partial.write_text(render(report, files), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError([f"--out: {target} cannot be written: {error.strerror}. Choose another"]) from None
+    return report, target
+
+
+def _write_parts(report: StudyReport, folder: Path) -> dict[str, str]:
+    """Write every table and figure; return the figures by name. What an earlier report left goes first."""
+    for pattern in ("tables/*.csv", "tables/*.md", "figures/*.svg"):
+        for old in folder.glob(pattern):
+            old.unlink()
+    drawn = {}
+    for section in report.sections:
+        for table in section.tables:
+            write_text(folder / "tables" / f"{table.name}.csv", table.csv())
+            write_text(folder / "tables" / f"{table.name}.md", table.markdown())
+        for figure in section.figures:
+            drawn[figure.name] = svg_of(figure)
+            write_text(folder / "figures" / f"{figure.name}.svg", drawn[figure.name])
+    return drawn
+
+
+def render(report: StudyReport, drawn: dict[str, str]) -> str:
+    """Return the page.
+
+    Args:
+        report: what it shows.
+        drawn: the SVG file of every figure, by name.
+    """
+    environment = Environment(
+        loader=PackageLoader("sumo_hmdp.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
+    style = (resources.files("sumo_hmdp.report") / "templates" / "study_report.css").read_text(encoding="utf-8")
+    folder = str(report.data.folder)
+    return environment.get_template("study_report.html.j2").render(
+        name=report.data.name,
+        description=report.data.description,
+        sections=report.sections,
+        drawings={name: inline(svg, name) for name, svg in drawn.items()},
+        file_text=report.data.file_text,
+        again=shlex.join(["sumo-hmdp", "study", str(Path(folder) / "study.yaml"), "--out", f"{folder}_again"]),
+        repro=f"{shlex.join(['sumo-hmdp', 'repro', folder])} RUN_ID",
+        folder=folder,
+        style=Markup(style),  # noqa: S704 - our own file
+    )
+
+
+def document(report: StudyReport, page: Path) -> dict[str, Any]:
+    """Return the report as JSON: missing numbers are null, infinite ones texts."""
+    return {
+        "study": report.data.name,
+        "page": str(page),
+        "verdict": list(report.verdict),
+        "tables": {
+            table.name: [{str(k): _plain(v) for k, v in row.items()} for row in table.frame.to_dict("records")]
+            for section in report.sections
+            for table in section.tables
+        },
+    }
+
+
+def _plain(value: object) -> object:
+    if value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)):
+        return None
+    if isinstance(value, float) and math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    return value

@@ -1,0 +1,214 @@
+"""The verdict of a study: how each cell differs from the baseline on common seeds, in numbers and in sentences."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.catalogue import METRICS
+from sumo_hmdp.metrics.registry import Better
+from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_cells, holm, verdict
+from sumo_hmdp.report.sample_size import pairs_for_difference
+from sumo_hmdp.report.study_data import StudyData, baseline_of
+from sumo_hmdp.report.study_table import StudyTable, interval, listed, number, p_text, printed
+
+CONTACT = "contact"
+# What planners are compared in. None of them is smaller merely because a run ends early, as sums over time are.
+COMPARED = (
+    CONTACT,
+    "speed_mean_mps",
+    "gap_min_m",
+    "ttc_min_s",
+    "near_miss_count",
+    "rss_violation_share",
+    "braking_imposed_max_mps2",
+    "jerk_rms_mps3",
+)
+SIGNIFICANCE = 0.05
+BETTER, WORSE, NOT_SHOWN, TOO_FEW, NOT_IN_MEAN = (
+    "better", "worse", "no difference shown", "too few data", "differs, but not in its mean",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A comparison with its outcome.
+
+    Attributes:
+        comparison: the numbers.
+        outcome: of the first cell against the second.
+    """
+
+    comparison: Comparison
+    outcome: str
+
+
+def wording(metric: str) -> Wording:
+    """Return how a sentence speaks of a metric."""
+    if metric == CONTACT:
+        return Wording("contact rate", "%")
+    known = METRICS.get(metric)
+    if metric == "speed_mean_mps":
+        return Wording(known.label, printed(known.unit), "faster", "slower")
+    return Wording(known.label, "%" if metric.endswith("_share") else printed(known.unit))
+
+
+def higher_is_better(metric: str) -> bool:
+    """Tell whether more of a metric is better."""
+    return metric != CONTACT and METRICS.get(metric).better is Better.HIGHER
+
+
+def findings_of(data: StudyData) -> tuple[Finding, ...]:
+    """Compare every cell with the baseline of its context, with Holm's correction over the whole study."""
+    found: list[Comparison] = []
+    for context in data.contexts:
+        cells = data.cells_in(context)
+        present = [cell for cell in cells if (data.ended["cell"] == cell.id).any()]
+        baseline = baseline_of(present)
+        if baseline is not None:
+            runs = data.ended[data.ended["cell"].isin([cell.id for cell in present])]
+            found += compare_cells(runs, ["cell_label"], COMPARED, (baseline.label,))
+    adjusted = holm(np.array([one.p_value for one in found]))
+    found = [replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True)]
+    return tuple(Finding(one, outcome_of(one)) for one in found)
+
+
+def outcome_of(comparison: Comparison) -> str:
+    """Return what a comparison shows of its first cell."""
+    if comparison.pair_count < FEWEST_PAIRS or np.isnan(comparison.p_adjusted):
+        return TOO_FEW
+    if comparison.p_adjusted > SIGNIFICANCE:
+        return NOT_SHOWN
+    if comparison.difference == 0:
+        return NOT_IN_MEAN
+    return BETTER if (comparison.difference > 0) == higher_is_better(comparison.metric) else WORSE
+
+
+def verdict_table(findings: Sequence[Finding]) -> StudyTable:
+    """Return who is better in what, by how much, and how sure that is."""
+    rows, records = [], []
+    for finding in findings:
+        c = finding.comparison
+        words = wording(c.metric)
+        scale = 100 if words.unit == "%" else 1
+        unit = f" [{words.unit}]" if words.unit else ""
+        ends = interval(scale * c.low, scale * c.high)
+        size = number(scale * c.difference)
+        texts = (f"{words.quantity}{unit}", finding.outcome, size, ends, str(c.pair_count), p_text(c.p_adjusted))
+        rows.append((c.first, c.second, *texts))
+        records.append(_record(finding))
+    headings = ("cell", "against", "in", "is", "difference", "95 % interval", "pairs", "p after Holm")
+    note = (
+        f"Difference: cell less baseline, mean over common seeds, with its BCa bootstrap interval. p: Wilcoxon's "
+        f"signed ranks, of contacts McNemar's exact test; Holm's correction is over all {len(findings)} rows. Shown "
+        f"means p after Holm at most {SIGNIFICANCE:g}; fewer than {FEWEST_PAIRS} pairs show nothing."
+    )
+    return StudyTable(
+        "verdict", "Each cell against the baseline, on common seeds", pd.DataFrame(records, columns=_COLUMNS), headings,
+        tuple(rows), note,
+    )  # fmt: skip
+
+
+_COLUMNS = [
+    "metric", "first", "second", "outcome", "unit", "pair_count", "unpaired_count", "missing_count", "infinite_count",
+    "difference", "low", "high", "level", "test", "p_value", "p_adjusted", "cohen_dz", "rank_biserial",
+    "variance_saved", "pairs_needed_count", "sentence",
+]  # fmt: skip
+
+
+def _record(finding: Finding) -> dict[str, object]:
+    c = finding.comparison
+    metric_unit = "1" if c.metric == CONTACT else METRICS.get(c.metric).unit
+    return asdict(c) | {
+        "outcome": finding.outcome,
+        "unit": metric_unit,
+        "pairs_needed_count": pairs_needed(c),
+        "sentence": verdict(c, wording(c.metric), SIGNIFICANCE),
+    }
+
+
+def pairs_needed(c: Comparison) -> float:
+    """Return how many pairs would show a difference as large as the one seen; NaN where that cannot be told."""
+    if c.test != "wilcoxon" or not c.difference or np.isnan(c.cohen_dz):
+        return float("nan")
+    try:
+        return pairs_for_difference(abs(c.difference / c.cohen_dz), abs(c.difference))
+    except InputError:
+        return float("nan")
+
+
+def pairs_table(findings: Sequence[Finding]) -> StudyTable:
+    """Return what the comparisons rest on: tests, effect sizes, what was left out, and what common seeds save."""
+    rows = []
+    for finding in findings:
+        c = finding.comparison
+        left_out = number(c.unpaired_count), number(c.missing_count), number(c.infinite_count)
+        effect = number(c.cohen_dz, 2), number(c.rank_biserial, 2), number(100 * c.variance_saved, 2)
+        told = wording(c.metric).quantity, c.test, p_text(c.p_value)
+        rows.append((c.first, *told, str(c.pair_count), *left_out, *effect, number(pairs_needed(c))))
+    headings = (
+        "cell", "in", "test", "p", "pairs", "without partner", "missing", "infinite", "Cohen's dz", "rank-biserial",
+        "variance saved [%]", "pairs for 80 % power",
+    )  # fmt: skip
+    note = (
+        "Pairs with a missing or an infinite value are left out of the comparison. Variance saved: by common seeds, "
+        "against independent ones. The last column: pairs with which a paired t-test finds a true difference as large "
+        "as the one seen."
+    )
+    frame = pd.DataFrame([_record(finding) for finding in findings], columns=_COLUMNS)
+    return StudyTable("pairs", "What the comparisons rest on", frame, headings, tuple(rows), note)
+
+
+def sentences(data: StudyData, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the verdict in plain sentences: what there is, then each cell against its baseline."""
+    return (*_scope(data), *_against(findings))
+
+
+def _scope(data: StudyData) -> Iterator[str]:
+    total, ended, contacts = len(data.runs), len(data.ended), int(data.ended["contact"].sum())
+    if not total:
+        yield f"Too few data: the study has no run yet, of {len(data.cells)} cells."
+        return
+    seeds = data.runs["seed"].nunique()
+    runs, cells = _count(total, "run"), _count(len(data.cells), "cell")
+    had = "none had a contact" if not contacts else f"{contacts} of the {ended} that ended had a contact"
+    yield f"{runs} in {cells} with {_count(seeds, 'seed')}; {had}."
+    if total > ended:
+        yield f"{_count(total - ended, 'run')} failed and counted for nothing but the ledger."
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _against(findings: Sequence[Finding]) -> Iterator[str]:
+    if not findings:
+        yield "Nothing can be compared: no two cells with runs share their surroundings."
+    for pair in dict.fromkeys((one.comparison.first, one.comparison.second) for one in findings):
+        mine = [one for one in findings if (one.comparison.first, one.comparison.second) == pair]
+        outcomes = {
+            outcome: [_told(one.comparison, outcome) for one in mine if one.outcome == outcome]
+            for outcome in (BETTER, WORSE, NOT_IN_MEAN, NOT_SHOWN, TOO_FEW)
+        }
+        if len(outcomes[TOO_FEW]) == len(mine):
+            yield f"{pair[0]} against {pair[1]}: too few data in everything ({mine[0].comparison.pair_count} pairs)."
+            continue
+        lead = {
+            BETTER: "better in",
+            WORSE: "worse in",
+            NOT_SHOWN: "no difference shown in",
+            TOO_FEW: "too few data for",
+        }
+        lead[NOT_IN_MEAN] = "different, but not on average, in"
+        parts = [f"{lead[outcome]} {listed(names, 9)}" for outcome, names in outcomes.items() if names]
+        yield f"{pair[0]} against {pair[1]}: {'; '.join(parts)}."
+
+
+def _told(c: Comparison, outcome: str) -> str:
+    words = wording(c.metric)
+    if outcome not in {BETTER, WORSE}:
+        return words.quantity
+    sign = "+" if c.difference > 0 else "−"  # noqa: RUF001 - a minus
+    return f"{words.quantity} ({sign}{words.amount(abs(c.difference))}{words.suffix})"
