@@ -1,4 +1,4 @@
-"""Was the risk that was asked for kept, in a world that follows the model? Realised violation rates beside every epsilon.
+"""Was the risk that was asked for kept where the world follows the model? Violation rates beside every epsilon.
 
 Runs `scenarios/matched.yaml` for each risk rule and epsilon, looks every plan up in the trace of its run, and prints a
 Markdown table with exact intervals and verdicts; then the same with the noise of the world doubled behind the
