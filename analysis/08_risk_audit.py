@@ -46,7 +46,15 @@ def markdown(table: pd.DataFrame) -> list[str]:
     rows = table[(table["status"] == "optimal") & (table["per"] == "plan")]
     for row in rows.itertuples():
         interval = f"{row.violation_rate:.4f} ({row.low_rate:.4f} to {row.high_rate:.4f})"
-        cells = (row.rule, f"x {row.noise_scale:g}", row.asked, row.trial_count, row.violation_count, interval, row.verdict)
+        cells = (
+            row.rule,
+            f"x {row.noise_scale:g}",
+            row.asked,
+            row.trial_count,
+            row.violation_count,
+            interval,
+            row.verdict,
+        )
         lines.append(f"| {' | '.join(str(cell) for cell in cells)} |")
     return lines
 
