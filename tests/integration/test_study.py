@@ -55,7 +55,7 @@ def test_dask_leaves_the_same_tables(shell, one_worker, tmp_path):
         "print(cluster.scheduler_address, flush=True); sys.stdin.read(); cluster.close()"
     )
     with subprocess.Popen(
-        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        [sys.executable, "-P", "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         text=True,
     ) as cluster:  # fmt: skip
         address = cluster.stdout.readline().strip()
