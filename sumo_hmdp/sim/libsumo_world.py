@@ -279,7 +279,7 @@ class LibsumoWorld:
 
     def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
-        _insert(self._network, vehicle, name, lane, kind)
+        _insert(self._routes, vehicle, name, lane, kind)
 
     def _move(self, vehicle: VehicleState, name: str) -> None:
         """Command pose and speed for the end of the coming step."""
@@ -370,9 +370,10 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
     background = Background(libsumo, settings.background, network, settings.dt, spawns)
     steps = round(duration / settings.dt)
     last_change = duration - settings.background.lane_change_time
+    routes = Routes(network)
 
     def add(spawn: Spawn) -> None:
-        _insert(network, spawn, spawn.id, spawn.lane, spawn.driver)
+        _insert(routes, spawn, spawn.id, spawn.lane, spawn.driver)
 
     with _simulation(settings, None, spawns):
         for step in range(steps + 1):
@@ -429,15 +430,14 @@ def _simulate(time: float) -> None:
         raise SimulationError(f"SUMO must complete a step, got: {error} (t = {time} s).") from error
 
 
-def _insert(network: Network, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
+def _insert(routes: Routes, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
     """Ask SUMO to insert a vehicle at the end of the coming step."""
-    routes = Routes(network)
     way_out = vehicle.exit if isinstance(vehicle, Spawn) else None
     if isinstance(vehicle, Spawn) and vehicle.entry is not None:
         route, edges = f"{vehicle.entry}-{way_out}", routes.entry_edges(vehicle.entry, way_out)
         lane_index, position = 0, "base"
     else:
-        place = network.place(vehicle.x, lane)
+        place = routes.network.place(vehicle.x, lane)
         route, edges = f"{_ROUTE}-{place.number}-{way_out}", routes.edges(place.number, way_out)
         lane_index, position = place.lane_index, repr(float(place.position))
     if route not in libsumo.route.getIDList():

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.planning.sumo_driver import SumoDriver
-from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
+from sumo_hmdp.traffic.spawn import IDM_KINDS, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].
 _UNLIMITED = 1000.0
@@ -33,7 +33,7 @@ def vehicle_types(
             element.attrib |= _idm(ego_driver, ego_driver.desired_speed, dt) | _lane_changes(ego_driver)
     for spawn in others:
         element = _add_type(root, spawn.id, spawn.length, spawn.width)
-        if spawn.driver in {DriverKind.IDM, DriverKind.BACKGROUND}:
+        if spawn.driver in IDM_KINDS:
             top_speed = spawn.speed if spawn.desired_speed is None else spawn.desired_speed
             element.attrib |= _idm(spawn.idm, top_speed, dt)
     return ET.tostring(root, encoding="unicode")

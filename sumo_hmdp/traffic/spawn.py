@@ -29,7 +29,8 @@ class DriverKind(StrEnum):
     BACKGROUND = "background"
 
 
-_IDM_KINDS = frozenset({DriverKind.IDM, DriverKind.BACKGROUND})
+# Whose speed is SUMO's IDM's.
+IDM_KINDS = frozenset({DriverKind.IDM, DriverKind.BACKGROUND})
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ def _mistakes(spawn: Spawn, road: Road) -> Iterator[tuple[str, str]]:
         kinds = ", ".join(DriverKind)
         yield "driver", f"driver must be one of {kinds}, got {spawn.driver!r}."
     yield from _unusable_numbers(spawn)
-    if spawn.driver in _IDM_KINDS and spawn.desired_speed is not None and spawn.desired_speed < spawn.speed:
+    if spawn.driver in IDM_KINDS and spawn.desired_speed is not None and spawn.desired_speed < spawn.speed:
         message = (
             f"desired_speed must be at least the speed {spawn.speed} m/s at which the vehicle enters, got "
             f"{spawn.desired_speed} m/s. Lower the one or raise the other."
@@ -136,7 +137,7 @@ def _unusable_numbers(spawn: Spawn) -> Iterator[tuple[str, str]]:
     positive = {"length": spawn.length, "width": spawn.width}
     if spawn.desired_speed is not None:
         positive["desired_speed"] = spawn.desired_speed
-    if spawn.driver in _IDM_KINDS:
+    if spawn.driver in IDM_KINDS:
         positive |= {f"idm.{name}": getattr(spawn.idm, name) for name in IdmParameters.__dataclass_fields__}
     for name, value in positive.items():
         if not (math.isfinite(value) and value > 0.0):
