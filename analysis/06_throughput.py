@@ -1,33 +1,40 @@
 """How many seconds of traffic one second of computing simulates, and where the time goes.
 
 The scenario is `highway` with a fixed number of background vehicles. Everything is measured in one process on the same
-traffic, in turns: the closed loop with each solver, and SUMO alone. Absolute times depend on the machine; the ratios
-are what to quote. Run it with `make bench-traffic`.
+traffic, in turns: the closed loop with each solver, and SUMO alone. Then whole runs of `highway` as a study does
+them, from the scenario to the tables. Absolute times depend on the machine; the ratios are what to quote. Run it with
+`make bench-traffic`.
 """
 
 import argparse
 import importlib.util
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from sumo_hmdp.documents import read_yaml
 from sumo_hmdp.planning import decide
 from sumo_hmdp.planning.planner import HmdpPlanner
-from sumo_hmdp.scenario.load import ReadyRun, RunOptions, find_scenario, load_scenario
+from sumo_hmdp.scenario import crowd
+from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario, load_scenario
 from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.episode import TraceHash
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import BicycleMotion
 from sumo_hmdp.study import run as study_run
-from sumo_hmdp.study.record import Recorder
-from sumo_hmdp.study.run import execute
+from sumo_hmdp.study.pool import RUNS_PER_WORKER
+from sumo_hmdp.study.record import Recorder, Trace
+from sumo_hmdp.study.run import execute, kept_steps
 
 libsumo = libsumo_world.libsumo  # type: ignore[attr-defined]
 
@@ -35,7 +42,8 @@ SOLVERS = ("search", "milp")
 # Where the time goes: what is timed, and the row of the table that its own time counts in, without what it calls.
 STEP, READ, MOBIL, WORLD = "SUMO's step", "reading", "MOBIL", "ego, ghost and entering vehicles"
 PREDICT, SOLVE, TRACK, RECORD, REST = "prediction", "corridors and solving", "tracking", "recording", "the loop itself"
-STAGES: tuple[tuple[str, Any, str], ...] = (
+Stages = tuple[tuple[str, Any, str], ...]
+STAGES: Stages = (
     (STEP, libsumo, "simulationStep"),
     (READ, Background, "read"),
     (READ, LibsumoWorld, "observe"),
@@ -52,6 +60,25 @@ STAGES: tuple[tuple[str, Any, str], ...] = (
     (RECORD, study_run, "run_metrics"),
     (RECORD, TraceHash, "add"),
 )
+# The same for a whole run of a study; what is left of its loading is the reading and checking of the scenario.
+LOAD, DRAW, WARM, START, LOOP = (
+    "reading and checking",
+    "drawing the traffic",
+    "warm-up",
+    "SUMO's start and end",
+    "the loop",
+)
+TABLES, STORE, PROCESS = "tables and metrics", "Parquet", f"start of the process, shared by {RUNS_PER_WORKER} runs"
+RUN_STAGES: Stages = (
+    (DRAW, crowd, "initial_population"),
+    (DRAW, crowd, "arrivals"),
+    (WARM, crowd, "warm_up"),
+    (START, LibsumoWorld, "__init__"),
+    (START, LibsumoWorld, "__enter__"),
+    (START, LibsumoWorld, "__exit__"),
+    (LOOP, study_run, "run_episode"),
+)
+DENSITIES = (15.0, 25.0, 35.0)
 
 
 @dataclass
@@ -78,10 +105,10 @@ class Stopwatch:
         return call
 
     @contextmanager
-    def watching(self) -> Iterator[None]:
-        """Time all stages."""
+    def watching(self, stages: Stages) -> Iterator[None]:
+        """Time some stages."""
         with ExitStack() as stack:
-            for row, owner, name in STAGES:
+            for row, owner, name in stages:
                 action = getattr(owner, name)
                 stack.callback(setattr, owner, name, action)
                 setattr(owner, name, self.timed(row, action))
@@ -106,7 +133,7 @@ def closed_loop(run: ReadyRun) -> tuple[float, float, dict[str, float]]:
     """Return simulated and wall-clock time of a run [s], and where the latter went."""
     watch = Stopwatch()
     started = time.perf_counter()
-    with watch.watching():
+    with watch.watching(STAGES):
         record = execute(run, detailed=False)
     wall = time.perf_counter() - started
     watch.times[REST] = wall - sum(watch.times.values())
@@ -195,6 +222,55 @@ def report(vehicles: int, repeats: int, seed: int) -> None:
     )
 
 
+def whole_run(density: float, seed: int) -> dict[str, float]:
+    """Return where the time of one run of `highway` goes, as a study does it [ms]."""
+    document, watch = read_yaml(find_scenario("highway")), Stopwatch()
+    changes = {"traffic.density_vpkm_per_lane": density}
+    clock = [time.perf_counter()]
+    with watch.watching(RUN_STAGES), tempfile.TemporaryDirectory() as folder:
+        run = assemble_scenario(document, RunOptions(solver="search", seed=seed, overrides=changes), Path("highway"))
+        clock.append(time.perf_counter())
+        record = execute(run, detailed=False)
+        clock.append(time.perf_counter())
+        for name, frame in (("steps", kept_steps(record, Trace.EGO)), ("decisions", record.decisions)):
+            frame.to_parquet(Path(folder) / f"{name}.parquet", index=False)
+        clock.append(time.perf_counter())
+    loading, executing, storing = (later - earlier for earlier, later in pairwise(clock))
+    times = watch.times
+    times[LOAD] = loading - times[DRAW] - times[WARM]
+    times[TABLES] = executing - times[START] - times[LOOP]
+    times[STORE] = storing
+    return {row: 1000 * span for row, span in times.items()}
+
+
+def process_start() -> float:
+    """Return how long a worker process takes until it can begin its first run [ms]."""
+    started = time.perf_counter()
+    subprocess.run([sys.executable, "-P", "-c", "import sumo_hmdp.study.worker"], check=True)
+    return 1000 * (time.perf_counter() - started)
+
+
+def report_runs(repeats: int, seed: int) -> None:
+    """Print where the time of whole runs goes."""
+    whole_run(DENSITIES[0], seed)
+    columns = {}
+    for density in DENSITIES:
+        # Every run has a seed of its own: the traffic of one that has just been seen is kept.
+        runs = [whole_run(density, seed + 1 + turn) for turn in range(repeats)]
+        columns[density] = {row: statistics.median(run[row] for run in runs) for row in runs[0]}
+    start = statistics.median(process_start() for _ in range(repeats)) / RUNS_PER_WORKER
+    print("## Where the time of a run goes\n")
+    print("A run of `highway`, 60 s, planner `hmdp_mpc` with `search`, as a study does it [ms], and the share of it.\n")
+    print("| stage | " + " | ".join(f"{density:g} vehicles/km and lane" for density in DENSITIES) + " |")
+    print("|---|" + "---|" * len(DENSITIES))
+    for column in columns.values():
+        column[PROCESS] = start
+    for row in (PROCESS, LOAD, DRAW, WARM, START, LOOP, TABLES, STORE):
+        cells = (f"{column[row]:.0f} ({column[row] / sum(column.values()):.1%})" for column in columns.values())
+        print(f"| {row} | " + " | ".join(cells) + " |")
+    print("| all | " + " | ".join(f"{sum(column.values()):.0f}" for column in columns.values()) + " |\n")
+
+
 def compare(vehicles: int, repeats: int, seed: int) -> None:
     """Print our world next to highway-env's, if that is installed."""
     print(f"## Next to highway-env, {vehicles} vehicles\n")
@@ -234,6 +310,7 @@ def main() -> None:
         "is written to files. Everything in one process on one machine, two shared cores; only the ratios carry over.\n"
     )
     report(options.vehicles, options.repeats, options.seed)
+    report_runs(options.repeats, options.seed)
     compare(50, options.repeats, options.seed)
 
 

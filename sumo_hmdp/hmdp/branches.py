@@ -6,7 +6,7 @@ completion falls below the threshold, so no more rows ever live than branches su
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,11 @@ class Branches:
     x_std: FloatArray
     pruned: FloatArray
 
+    @cached_property
+    def length(self) -> FloatArray:
+        """Of each branch's vehicle, (B,) [m]."""
+        return np.array([v.state.length for v in self.vehicles], dtype=np.float64)[self.vehicle]
+
 
 def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> Branches:
     """Predict every vehicle over the horizon (docs/formulation.md, eqs. 3 to 7).
@@ -155,7 +160,14 @@ class _Sequences:
 def _likely_sequences(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> _Sequences:
     """Return the sequences of all vehicles, one vehicle after the other (docs/formulation.md, eq. 7)."""
     shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
-    trees = [_likely_from(v.policy, v.state.lane, int(v.state.mode), shared) for v in vehicles]
+    # Policies are long to compare, and most vehicles have the very same one.
+    known: dict[tuple[int, int, int], _Tree] = {}
+    trees = []
+    for vehicle in vehicles:
+        maneuver = id(vehicle.policy), vehicle.state.lane, int(vehicle.state.mode)
+        if maneuver not in known:
+            known[maneuver] = _likely_from(vehicle.policy, *maneuver[1:], shared)
+        trees.append(known[maneuver])
     nothing = np.zeros((0, settings.horizon_steps), dtype=np.int64)
     return _Sequences(
         np.repeat(np.arange(len(trees)), [len(tree.probability) for tree in trees]),
@@ -221,21 +233,18 @@ def _position_deviations(noise: Noise, period: float, steps: int) -> FloatArray:
 
 def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:
     """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 4)."""
-    y = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
-    lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
-    y_ref = ((road.lane_count + 1) / 2 - branches.lanes.astype(np.float64)) * road.lane_width
-    means = np.empty_like(branches.x)
-    for k in range(settings.horizon_steps):
-        following = next_lateral(
-            y,
-            lateral_speed,
-            branches.laterals[:, k] != Lateral.KEEP,
-            y_ref[:, k],
-            settings.period,
-            settings.gains,
-        )
+    y_now = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
+    means = np.repeat(y_now[:, None], settings.horizon_steps, axis=1)
+    changes = branches.laterals != Lateral.KEEP
+    # Who keeps its lane all the way keeps its y; those are by far the most.
+    rows = np.flatnonzero(changes.any(axis=1))
+    y, vehicle = y_now[rows], branches.vehicle[rows]
+    lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[vehicle]
+    y_ref = ((road.lane_count + 1) / 2 - branches.lanes[rows].astype(np.float64)) * road.lane_width
+    for k in range(settings.horizon_steps if len(rows) else 0):
+        following = next_lateral(y, lateral_speed, changes[rows, k], y_ref[:, k], settings.period, settings.gains)
         lateral_speed = (following - y) / settings.period
-        y = means[:, k] = following
+        y = means[rows, k] = following
     return means
 
 

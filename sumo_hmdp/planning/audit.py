@@ -18,7 +18,7 @@ from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
 from sumo_hmdp.planning.decide import Answer, make_plan, shortfalls
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.occupancy import occupied_lanes, shares_lane, start_state, sweep_steps
+from sumo_hmdp.planning.occupancy import shares_lane, start_state
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import line_shortfalls
 
@@ -171,15 +171,13 @@ def _traffic_breach(problem: DecisionProblem, answer: Answer, sequence: Maneuver
     plan = make_plan(problem, answer.lattice, sequence)
     if not all(problem.road.has_lane(step.lane) for step in plan):
         return None
-    occupied = occupied_lanes(problem, branches)
-    sweep, state = sweep_steps(problem), start_state(problem)
-    shared: NDArray[np.bool_] = shares_lane(problem, state)[branches.vehicle]
+    shared: NDArray[np.bool_] = shares_lane(problem, start_state(problem))[branches.vehicle]
     is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
     ahead: NDArray[np.bool_] = is_ahead[branches.vehicle]
     missing_by_step = shortfalls(problem, plan, branches, answer.margin)
     for k, rows, _, missing in missing_by_step:
-        state = state.after(plan[k].lateral, sweep)
-        shares_now: NDArray[np.bool_] = np.asarray(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
+        shares_now: NDArray[np.bool_] = np.zeros(len(shared), dtype=bool)
+        shares_now[rows] = True
         ahead_now: NDArray[np.bool_] = np.asarray(branches.x[:, k] < plan[k].x)
         passes = np.flatnonzero(shared & shares_now & (ahead != ahead_now))
         if len(passes):

@@ -127,6 +127,23 @@ def _closed(problem: DecisionProblem, lanes: LaneStep) -> FloatArray:
 
 def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
     """Join the windows of one step, by lane state and then by speed level."""
+    if len(before) == len(after) == 1:
+        # Nothing hangs on the speed: the windows are in order as they are.
+        (cut,) = after
+        level, phase = (np.full(len(cut.state), number) for number in cut.level)
+        low, high, soft_low, soft_high = cut.bounds
+        return Stage(
+            lane=lanes.lane[cut.state],
+            state=cut.state,
+            level=level,
+            phase=phase,
+            low=low,
+            high=high,
+            soft_low=soft_low,
+            soft_high=soft_high,
+            stop_high=cut.stop_high,
+            moves=_moves(before[0], cut, lanes),
+        )
     rows, columns = _by_state(before), _by_state(after)
     moves = np.zeros((len(rows), len(columns)), dtype=bool)
     top = 0
@@ -172,8 +189,8 @@ def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:
     branch after the step, the window there lies ahead of the greatest b of those behind the window before, and behind
     the least b of those ahead.
     """
-    first = earlier.block[lanes.before[:, None], earlier.order] >= 0
-    block = later.block[lanes.after[:, None], earlier.order]
+    first = (earlier.block >= 0).take(earlier.order, axis=1).take(lanes.before, axis=0)
+    block = later.block.take(earlier.order, axis=1).take(lanes.after, axis=0)
     shared = first & (block >= 0)
     nobody = len(earlier.order) + 1
     behind = running(np.maximum, np.where(shared, block, -1), -1)

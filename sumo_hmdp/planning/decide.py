@@ -16,7 +16,7 @@ from sumo_hmdp.hmdp.branches import Branches, predict
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import Corridors, carve, clearances
 from sumo_hmdp.planning.cost import objective
-from sumo_hmdp.planning.distance import safe_clearance
+from sumo_hmdp.planning.distance import clearance_to
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
 from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
@@ -269,8 +269,8 @@ def shortfalls(
         rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
         x = branches.x[rows, k]
         ahead = step.x > x
-        safe = safe_clearance(problem, branches, margin, step.speed)
-        yield k, rows, ahead, np.where(ahead, safe.ahead[rows, k], safe.behind[rows, k]) - np.abs(step.x - x)
+        safe = clearance_to(problem, branches.length[rows], branches.speed[rows, k], margin[rows, k], step.speed)
+        yield k, rows, ahead, np.where(ahead, safe.ahead, safe.behind) - np.abs(step.x - x)
 
 
 def violation_of(

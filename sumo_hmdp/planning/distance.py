@@ -15,11 +15,11 @@ from sumo_hmdp.planning.problem import DecisionProblem, DistanceRule, RssParamet
 
 @dataclass(frozen=True)
 class Clearance:
-    """How far the ego's front bumper must be from each branch's.
+    """How far the ego's front bumper must be from some branches' at some steps; arrays of one shape.
 
     Attributes:
-        ahead: (B, H) least distance while the ego is ahead [m].
-        behind: (B, H) least distance while the ego is behind [m].
+        ahead: least distance while the ego is ahead [m].
+        behind: least distance while the ego is behind [m].
     """
 
     ahead: FloatArray
@@ -45,7 +45,7 @@ def rss_distance(rear_speed: FloatArray, front_speed: FloatArray, rss: RssParame
 
 
 def safe_clearance(problem: DecisionProblem, branches: Branches, margin: FloatArray, ego_speed: float) -> Clearance:
-    """Return the least distances at one speed of the ego.
+    """Return the least distances to all branches at all steps, (B, H), at one speed of the ego.
 
     Args:
         problem: the decision problem.
@@ -53,22 +53,28 @@ def safe_clearance(problem: DecisionProblem, branches: Branches, margin: FloatAr
         margin: of the chance constraint, shape (B, H) [m].
         ego_speed: of the ego at the step's end [m/s]; without effect under `fixed`.
     """
+    return clearance_to(problem, branches.length[:, None], branches.speed, margin, ego_speed)
+
+
+def clearance_to(
+    problem: DecisionProblem, lengths: FloatArray, speeds: FloatArray, margin: FloatArray, ego_speed: float
+) -> Clearance:
+    """Return the least distances to vehicles of given lengths [m], mean speeds [m/s] and margins [m], of one shape."""
     settings = problem.settings
     if settings.distance_rule is DistanceRule.FIXED:
         distance = settings.safe_distance + margin
         return Clearance(ahead=distance, behind=distance)
-    lengths = np.array([v.state.length for v in branches.vehicles])[branches.vehicle][:, None]
     if settings.distance_rule is DistanceRule.TIME_HEADWAY:
         between = settings.safe_distance + settings.time_headway * ego_speed
         return Clearance(ahead=problem.ego.length + between + margin, behind=lengths + between + margin)
-    own = np.full_like(branches.speed, ego_speed)
+    own = np.full_like(speeds, ego_speed)
     return Clearance(
-        ahead=problem.ego.length + rss_distance(branches.speed, own, settings.rss) + margin,
-        behind=lengths + rss_distance(own, branches.speed, settings.rss) + margin,
+        ahead=problem.ego.length + rss_distance(speeds, own, settings.rss) + margin,
+        behind=lengths + rss_distance(own, speeds, settings.rss) + margin,
     )
 
 
 def contact_clearance(problem: DecisionProblem, branches: Branches, safe: Clearance) -> Clearance:
     """Return the distances below which bumpers touch, never more than the safe ones (docs/formulation.md, eq. 14)."""
-    lengths = np.array([v.state.length for v in branches.vehicles])[branches.vehicle][:, None]
-    return Clearance(ahead=np.minimum(safe.ahead, problem.ego.length), behind=np.minimum(safe.behind, lengths))
+    behind = np.minimum(safe.behind, branches.length[:, None])
+    return Clearance(ahead=np.minimum(safe.ahead, problem.ego.length), behind=behind)

@@ -57,18 +57,22 @@ class LaneState:
 class LaneStep:
     """The lane states that the ego can be in at the end of one step, S of them, and how it gets there.
 
+    The branches only see which lanes a state takes up. There are many states and few such footprints, U of them.
+
     Attributes:
         states: by lane, then by what is left.
         lane: (S,) the lane that each intends.
-        occupied: (S, lanes) which lanes each takes up.
-        before: (M,) of each possible move, the index of the state one step before.
-        after: (M,) of each possible move, the index of the state in `states`.
-        move: (S one step before, S) number of the move between two states, -1 where there is none.
+        occupied: (U, lanes) which lanes each footprint covers.
+        footprint: (S,) index of each state's footprint in `occupied`.
+        before: (M,) of each pair of footprints between which there is a move, the index of the one a step before.
+        after: (M,) of each such pair, the index of the one in `occupied`.
+        move: (S one step before, S) number of the pair of the move between two states, -1 where there is none.
     """
 
     states: tuple[LaneState, ...]
     lane: IntArray
     occupied: NDArray[np.bool_]
+    footprint: IntArray
     before: IntArray
     after: IntArray
     move: IntArray
@@ -149,32 +153,36 @@ def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
 def _lane_steps(
     start: LaneState, sweep: int, lane_count: int, forbidden: frozenset[int], horizon: int
 ) -> tuple[LaneStep, ...]:
-    steps = [_lane_step((), (start,), sweep, lane_count)]
+    steps = [_lane_step(None, (start,), sweep, lane_count)]
     for _ in range(horizon):
         before = steps[-1].states
         following = {state.after(lateral, sweep) for state in before for lateral in Lateral}
         reachable = (s for s in following if 1 <= s.lane <= lane_count and s.lane not in forbidden)
         after = tuple(sorted(reachable, key=lambda state: (state.lane, state.leaving)))
-        steps.append(_lane_step(before, after, sweep, lane_count))
+        steps.append(_lane_step(steps[-1], after, sweep, lane_count))
     return tuple(steps)
 
 
-def _lane_step(before: tuple[LaneState, ...], after: tuple[LaneState, ...], sweep: int, lane_count: int) -> LaneStep:
+def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int, lane_count: int) -> LaneStep:
+    footprints = [frozenset(state.occupied) for state in after]
+    distinct = list(dict.fromkeys(footprints))
+    occupied = np.zeros((len(distinct), lane_count), dtype=bool)
+    for row, lanes in zip(occupied, distinct, strict=True):
+        row[[lane - 1 for lane in lanes]] = True
     number = {state: index for index, state in enumerate(after)}
-    moves = [
-        (i, number[following])
-        for i, state in enumerate(before)
-        for following in (state.after(lateral, sweep) for lateral in Lateral)
-        if following in number
-    ]
-    pairs = np.array(moves, dtype=np.int64).reshape(-1, 2)
-    move = np.full((len(before), len(after)), -1, dtype=np.int64)
-    move[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
-    occupied = np.zeros((len(after), lane_count), dtype=bool)
-    for row, state in zip(occupied, after, strict=True):
-        row[[lane - 1 for lane in state.occupied]] = True
+    footprint = np.array([distinct.index(lanes) for lanes in footprints], dtype=np.int64)
+    states = () if before is None else before.states
+    move = np.full((len(states), len(after)), -1, dtype=np.int64)
+    pairs: dict[tuple[int, int], int] = {}
+    for i, state in enumerate(states):
+        for following in (state.after(lateral, sweep) for lateral in Lateral):
+            if before is not None and following in number:
+                j = number[following]
+                pair = int(before.footprint[i]), int(footprint[j])
+                move[i, j] = pairs.setdefault(pair, len(pairs))
+    ends = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
     lane = np.array([state.lane for state in after], dtype=np.int64)
-    return LaneStep(after, lane, occupied, pairs[:, 0], pairs[:, 1], move)
+    return LaneStep(after, lane, occupied, footprint, ends[:, 0], ends[:, 1], move)
 
 
 def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]:

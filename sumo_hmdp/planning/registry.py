@@ -1,8 +1,10 @@
 """Planners by name: those of this package and those that other packages offer as entry points."""
 
+import sys
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
@@ -141,7 +143,7 @@ def planner_kinds() -> dict[str, PlannerKind]:
     """
     kinds = {kind.name: kind for kind in BUILT_IN}
     problems = []
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
+    for entry in _offered(tuple(sys.path)):
         try:
             kind = entry.load()
         except Exception as error:  # noqa: BLE001 - anything may go wrong in somebody's module
@@ -156,6 +158,13 @@ def planner_kinds() -> dict[str, PlannerKind]:
     if problems:
         raise InputError(problems)
     return kinds
+
+
+@lru_cache(maxsize=4)
+def _offered(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
+    """Return what the packages on a path offer; looking through all of them takes several milliseconds."""
+    del path
+    return tuple(entry_points(group=ENTRY_POINT_GROUP))
 
 
 def _not_loaded(entry: EntryPoint, error: Exception) -> str:

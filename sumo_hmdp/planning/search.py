@@ -110,8 +110,10 @@ def _extend(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
 
 def _speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray:
     """Return the speeds of levels and phases [m/s]."""
-    whole = lattice.speed_step * (lattice.levels_to_rest + level)
-    return np.where(phase == 1, whole, lattice.speed + lattice.speed_step * level)
+    moving = np.asarray(lattice.speed + lattice.speed_step * level, dtype=np.float64)
+    if not lattice.stopping:
+        return moving
+    return np.where(phase == 1, lattice.speed_step * (lattice.levels_to_rest + level), moving)
 
 
 def search_best(
@@ -184,18 +186,27 @@ def _require_searchable(problem: DecisionProblem, corridors: Corridors) -> None:
 
     Where there are few windows, the sequences themselves take the most.
     """
-    # How many sequences of modes end with each mode, speed limits aside.
-    ways = {mode: int(mode == problem.ego.mode) for mode in Mode}
     windows, largest = 1, 0
-    for stage in corridors.stages:
-        ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
-        largest = max(largest, 8 * sum(ways.values()) * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
+    counts = _sequence_counts(problem.ego.mode, len(corridors.stages))
+    for stage, sequences in zip(corridors.stages, counts, strict=True):
+        largest = max(largest, 8 * sequences * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
         windows = len(stage.lane)
     if largest > TABLE_LIMIT:
         raise SearchTooLargeError(
             f"the search must make no table above {TABLE_LIMIT / 2**30:g} GiB, got {largest / 2**30:.1f} GiB "
             f"(horizon_steps {problem.settings.horizon_steps}). Shorten the horizon or decide with the milp solver."
         )
+
+
+@lru_cache(maxsize=64)
+def _sequence_counts(start_mode: Mode, steps: int) -> tuple[int, ...]:
+    """Return how many sequences of modes there are up to each step, speed limits aside."""
+    ways = {mode: int(mode == start_mode) for mode in Mode}
+    counts = []
+    for _ in range(steps):
+        ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
+        counts.append(sum(ways.values()))
+    return tuple(counts)
 
 
 def _usable(
@@ -239,7 +250,7 @@ def _cheapest(
     for stage, prefixes, usable in zip(corridors.stages, tree[1:], allowed, strict=True):
         if not len(stage.lane) or not len(prefixes.mode):
             return None
-        lateral = np.clip(stage.lane - lanes_before[:, None], -1, 1)
+        lateral = np.minimum(np.maximum(stage.lane - lanes_before[:, None], -1), 1)
         step_cost = np.where(stage.moves, by_mode[:, lateral + 1], np.inf)
         way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
         came_from.append(way.argmin(axis=1))

@@ -1,7 +1,7 @@
 """The free windows of the ego at one step: what the branches leave free in each of its lane states.
 
-All lane states of a step are cut at once, one array row a lane state. Branches that stay behind, or ahead, of
-everything that the ego can reach are left out beforehand: in dense traffic that is most of them.
+All lane states of a step are cut at once, one array row for those that take up the same lanes. Branches that stay
+behind, or ahead, of everything that the ego can reach are left out beforehand: in dense traffic that is most of them.
 """
 
 from collections.abc import Callable, Iterable
@@ -40,13 +40,13 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Merged:
-    """Stretches of some rows, merged into blocks for each of S lane states.
+    """Stretches of some rows, merged into blocks for each of U sets of lanes.
 
     Attributes:
         order: (n,) the rows by the lower end of their stretch.
         low: (n + 1,) lower ends in that order, then infinity.
-        first: (S, n + 1) whether a row in that order begins a block; true at the end, where a last one would.
-        reach: (S, n + 1) how far those before it reach; minus infinity before the first block.
+        first: (U, n + 1) whether a row in that order begins a block; true at the end, where a last one would.
+        reach: (U, n + 1) how far those before it reach; minus infinity before the first block.
     """
 
     order: IntArray
@@ -56,7 +56,7 @@ class Merged:
 
 
 def merge(low: FloatArray, high: FloatArray, member: BoolArray) -> Merged:
-    """Merge stretches from low to high, (n,) each, of the rows that belong to each of S lane states, (S, n)."""
+    """Merge stretches from low to high, (n,) each, of the rows that belong to each of U sets of lanes, (U, n)."""
     order = np.argsort(low, kind="stable")
     member = member[:, order]
     ends = np.append(low[order], np.inf)
@@ -67,7 +67,7 @@ def merge(low: FloatArray, high: FloatArray, member: BoolArray) -> Merged:
 
 
 def running(extreme: np.ufunc, values: FloatArray, of_none: float) -> FloatArray:
-    """Return the extreme of all values before each place and of all of them, (S, n) to (S, n + 1)."""
+    """Return the extreme of all values before each place and of all of them, (U, n) to (U, n + 1)."""
     result = np.empty((values.shape[0], values.shape[1] + 1))
     result[:, 0] = of_none
     extreme.accumulate(values, axis=1, out=result[:, 1:])
@@ -106,7 +106,7 @@ class Cut:
     Attributes:
         level: speed level and phase.
         order: (n,) rows from behind to ahead; those of a block lie together.
-        block: (S, n) the block that each row belongs to, -1 where it takes up none of the state's lanes.
+        block: (U, n) the block that each row belongs to, -1 where it takes up none of the footprint's lanes.
         state: (W,) index of the lane state.
         place: (W,) how many rows in `order` are behind the window.
         number: (W,) how many blocks are behind it.
@@ -182,15 +182,16 @@ class Traffic:
     def cut(self, lattice: EgoLattice, k: int, lanes: LaneStep, closed: FloatArray, level: Level) -> Cut:
         """Merge the forbidden stretches at step index k into blocks and list the windows between them."""
         hard, soft = self.stretches[lattice.speed_at(*level)]
-        member: BoolArray = np.asarray((lanes.occupied[:, None, :] & self.occupied[None, :, k, :]).any(axis=2))
+        member: BoolArray = lanes.occupied @ self.occupied[:, k].T
         merged = merge(hard.low[:, k], hard.high[:, k], member)
-        state, place = np.nonzero(merged.first)
+        state, place = np.nonzero(merged.first[lanes.footprint])
+        footprint = lanes.footprint[state]
         numbers = np.cumsum(merged.first, axis=1) - 1
         block = np.full(member.shape, -1, dtype=np.int64)
         block[:, merged.order] = numbers[:, :-1]
         block[~member] = -1
         ends = np.empty((4, len(state)))
-        ends[0], ends[1] = merged.reach[state, place], merged.low[place]
+        ends[0], ends[1] = merged.reach[footprint, place], merged.low[place]
         if hard is soft:
             ends[2:] = ends[:2]
         else:
@@ -198,7 +199,7 @@ class Traffic:
             there = member[:, merged.order]
             behind = running(np.maximum, np.where(there, soft.high[merged.order, k], -np.inf), -np.inf)
             ahead = running(np.minimum, np.where(there, soft.low[merged.order, k], np.inf)[:, ::-1], np.inf)
-            ends[2], ends[3] = behind[state, place], ahead[:, ::-1][state, place]
+            ends[2], ends[3] = behind[footprint, place], ahead[:, ::-1][footprint, place]
         # Metres beyond a line are counted from the line itself, so that one that loses there what it gains elsewhere
         # ties.
         closed = closed + (DISTANCE_TOLERANCE if hard is soft else 0.0)
@@ -207,12 +208,12 @@ class Traffic:
             ends[1] = ends[3]
         units = _clipped_units(lattice, k + 1, ends)
         kept = np.flatnonzero(units[0] <= units[1])
-        stop_high = (closed - lattice.drift(k + 1)) / lattice.unit
-        if k + 1 < lattice.steps:
-            stop_high = np.full_like(stop_high, np.inf)
-        stop_high = np.where(stop_high >= farthest_stop(lattice), np.inf, stop_high)
+        stop_high = np.full_like(closed, np.inf)
+        if k + 1 == lattice.steps:
+            stops = (closed - lattice.drift(k + 1)) / lattice.unit
+            stop_high = np.where(stops >= farthest_stop(lattice), np.inf, stops)
+        number = numbers[footprint[kept], place[kept]]
         state, place = state[kept], place[kept]
-        number = numbers[state, place]
         return Cut(level, merged.order, block, state, place, number, units[:, kept], stop_high[state])
 
 

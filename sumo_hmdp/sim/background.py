@@ -39,6 +39,9 @@ _CROSSING = math.pi / 4
 _BESIDE = 15.0
 # Beyond the way that it takes to brake comfortably, a lane is given up this far before its end [m].
 _GIVE_UP = 10.0
+_ORDINARY = IdmParameters()
+# Length, politeness, and what the IDM takes.
+_TRAIT_COUNT = 2 + len(fields(Drivers))
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,10 @@ class Background:
         self._routes = Routes(network)
         self._exits: list[str | None] = [spawn.exit for spawn in spawns]
         self._spawns = tuple(spawns)
-        self._row = {spawn.id: row for row, spawn in enumerate(spawns)}
+        self._ids = [spawn.id for spawn in spawns]
+        self._row = {name: row for row, name in enumerate(self._ids)}
         self._traits = traits_of(spawns)
+        self._levers = _LEVER * self._traits[0]
         self._every = max(1, round(settings.period / dt))
         count = len(self._spawns)
         self._x, self._y, self._speed = (np.full(count, math.nan) for _ in range(3))
@@ -194,15 +199,19 @@ class Background:
         vehicles = self._vehicles(rows, self._arrives[rows] > now + _SOON, others)
         may_change = np.zeros(len(vehicles.x), dtype=bool)
         may_change[: len(rows)] = self._arrives[rows] + self._settings.interval <= now + _SOON
-        ends, bias = self._route_needs(rows, len(others))
         # SUMO lets nobody begin a change inside a junction.
         may_change &= ~self._network.in_junction(vehicles.x)
-        here = np.take_along_axis(ends, vehicles.lane[:, None] - 1, axis=1)
-        # Whose lane ends has to leave it, even from a standstill.
-        may_change &= (vehicles.speed >= self._settings.least_speed) | (bias.max(axis=1) > 0.0)
-        far = ends - vehicles.x[:, None] > self._settings.route_time * vehicles.drivers.desired_speed[:, None]
-        allowed = self._network.lane_exists(vehicles.x) & (far | (ends >= here))
-        moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change, bias, ends)
+        quick = vehicles.speed >= self._settings.least_speed
+        allowed = self._network.lane_exists(vehicles.x)
+        ends, bias = None, None
+        if self._routes.needed:
+            ends, bias = self._route_needs(rows, len(others))
+            here = ends[np.arange(len(ends)), vehicles.lane - 1][:, None]
+            far = ends - vehicles.x[:, None] > self._settings.route_time * vehicles.drivers.desired_speed[:, None]
+            allowed &= far | (ends >= here)
+            # Whose lane ends has to leave it, even from a standstill.
+            quick |= bias.max(axis=1) > 0.0
+        moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change & quick, bias, ends)
         for index in np.flatnonzero(moves).tolist():
             self._begin(int(rows[index]), int(moves[index]), now)
 
@@ -213,8 +222,6 @@ class Background:
         """
         ends = np.full((len(rows) + strangers, self._road.lane_count), np.inf)
         bias = np.zeros((len(rows) + strangers, 2))
-        if not self._routes.needed:
-            return ends, bias
         exits = [self._exits[row] for row in rows.tolist()]
         for name in dict.fromkeys(exits):
             same = np.array([index for index, other in enumerate(exits) if other == name])
@@ -248,7 +255,7 @@ class Background:
 
     def _vehicles(self, rows: IntArray, changing: NDArray[np.bool_], others: Sequence[VehicleState]) -> Vehicles:
         """Return the background in some rows, then the others, as drivers see them."""
-        strangers = traits_of([_stranger(other) for other in others])
+        strangers = _columns([_stranger_traits(other) for other in others])
         both = np.concatenate([self._traits[:, rows], strangers], axis=1)
         second = np.where(changing, self._origin[rows], 0)
         return Vehicles(
@@ -281,48 +288,50 @@ class Background:
             self.active = self.active[~np.isin(self.active, gone)]
         rows, self._on_road = self.active, None
         position, speed = self._sumo.vehicle.getPosition, self._sumo.vehicle.getSpeed
-        names = [self._spawns[row].id for row in rows.tolist()]
+        names = [self._ids[row] for row in rows.tolist()]
         self._last = np.stack([self._x, self._y, self._speed])
         try:
             places = np.array([position(name) for name in names]).reshape(-1, 2)
-            self._speed[rows] = [speed(name) for name in names]
+            speeds = np.array([speed(name) for name in names])
         except self._sumo.TraCIException as error:
             raise SimulationError(f"a background vehicle must stay until the road's end, got: {error}") from error
-        self._x[rows], self._y[rows] = places[:, 0], places[:, 1]
-        self._turn(rows)
+        self._x[rows], self._y[rows], self._speed[rows] = places[:, 0], places[:, 1], speeds
+        self._turn(rows, places)
         # SUMO answers for a vehicle that it has taken off with a large negative number.
-        wrong = ~np.isfinite(places[:, 0] + self._speed[rows]) | (self._speed[rows] < 0.0)
+        wrong = ~np.isfinite(places[:, 0] + speeds) | (speeds < 0.0)
         if wrong.any():
             name = names[int(np.flatnonzero(wrong)[0])]
             raise SimulationError(f"the state of {name} must be finite, got x = {places[wrong][0]} (t = {time:g} s).")
         self._settle_changes(rows, time)
         self._note_contacts(self.on_road())
 
-    def _turn(self, rows: IntArray) -> None:
+    def _turn(self, rows: IntArray, places: FloatArray) -> None:
         """Turn the bodies: the rear axle follows the front bumper as a trailer follows its hitch (eq. 18)."""
-        dx, dy = self._x[rows] - self._last[0, rows], self._y[rows] - self._last[1, rows]
+        dx, dy = (places - self._last[:2, rows].T).T
         distance = np.hypot(dx, dy)
         # Who stands keeps its heading; who has just come has none yet.
         moved = distance > _STANDS
         rows, distance, course = rows[moved], distance[moved], np.arctan2(dy[moved], dx[moved])
-        lever = _LEVER * self._traits[0, rows]
-        turned = self._heading[rows] + distance / lever * np.sin(course - self._heading[rows])
+        heading = self._heading[rows]
+        turned = heading + distance / self._levers[rows] * np.sin(course - heading)
         self._heading[rows] = np.where(self._has_course[rows], turned, course)
         self._has_course[rows] = True
         # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
         changing = rows[self._origin[rows] != self._target[rows]]
-        self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
+        if len(changing):
+            self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
 
     def _settle_changes(self, rows: IntArray, time: float) -> None:
         """Take back the changes that SUMO has not begun, and end those whose time is over.
 
         SUMO refuses a change that would not be complete before the vehicle turns off.
         """
-        begun = np.array(self._just_begun, dtype=np.int64)
-        self._just_begun.clear()
-        refused = begun[np.abs(self._y[begun] - self._last[1, begun]) < _STANDS]
-        self._target[refused], self._arrives[refused] = self._origin[refused], time
-        self.change_count += len(begun) - len(refused)
+        if self._just_begun:
+            begun = np.array(self._just_begun, dtype=np.int64)
+            self._just_begun.clear()
+            refused = begun[np.abs(self._y[begun] - self._last[1, begun]) < _STANDS]
+            self._target[refused], self._arrives[refused] = self._origin[refused], time
+            self.change_count += len(begun) - len(refused)
         arrived = self._arrives[rows] <= time + _SOON
         self._origin[rows[arrived]] = self._target[rows[arrived]]
 
@@ -338,20 +347,21 @@ class Background:
         x, y = self._x[rows], self._y[rows]
         lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
         inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
-        inside[inside] = np.take_along_axis(self._network.lane_exists(x[inside]), lane[inside][:, None] - 1, 1)[:, 0]
-        return np.asarray(rows[inside], dtype=np.int64)
+        rows, lane = rows[inside], lane[inside]
+        exists: NDArray[np.bool_] = self._network.lane_exists(x[inside])[np.arange(len(rows)), lane - 1]
+        return rows[exists]
 
     def states(self, x: float, reach: float) -> list[VehicleState]:
         """Return who drives along the road within `reach` of `x` [m], in the lane of its front centre, at cruise."""
         rows = self.on_road()
-        return [self._state(row) for row in rows[np.abs(self._x[rows] - x) <= reach].tolist()]
+        return self._states(rows[np.abs(self._x[rows] - x) <= reach])
 
     def crossing(self, x: float, reach: float) -> list[VehicleState]:
         """Return who is on or beside the road within `reach` of `x` [m] and does not drive along it."""
         rows = self.active[~np.isin(self.active, self.on_road())]
         beside = 0.5 * self._road.lane_count * self._road.lane_width + _BESIDE
         near = (np.abs(self._x[rows] - x) <= reach) & (np.abs(self._y[rows]) <= beside)
-        return [self._state(row) for row in rows[near].tolist()]
+        return self._states(rows[near])
 
     def spawns(self) -> tuple[Spawn, ...]:
         """Return everybody on the road as it would enter at time 0, then who still waits, with its time.
@@ -378,23 +388,37 @@ class Background:
         ]
         return (*present, *(self._spawns[row] for row in self._waiting))
 
-    def _state(self, row: int) -> VehicleState:
-        spawn = self._spawns[row]
-        x, y, speed = float(self._x[row]), float(self._y[row]), float(self._speed[row])
-        _, last_y, last_speed = self._last[:, row].tolist()
-        new = math.isnan(last_y)
-        return VehicleState(
-            id=spawn.id,
-            x=x,
-            y=y,
-            speed=speed,
-            lane=self._road.lane_at(y),
-            accel=0.0 if new else (speed - last_speed) / self._dt,
-            heading=float(self._heading[row]),
-            length=spawn.length,
-            width=spawn.width,
-            lateral_speed=0.0 if new else (y - last_y) / self._dt,
+    def _states(self, rows: IntArray) -> list[VehicleState]:
+        """Return the vehicles of some rows; who has just come has neither accelerated nor moved sideways yet."""
+        x, y, speed = self._x[rows], self._y[rows], self._speed[rows]
+        _, last_y, last_speed = self._last[:, rows]
+        new = np.isnan(last_y)
+        columns = (
+            x,
+            y,
+            speed,
+            np.where(new, 0.0, (speed - last_speed) / self._dt),
+            self._heading[rows],
+            np.where(new, 0.0, (y - last_y) / self._dt),
         )
+        lane_at = self._road.lane_at
+        return [
+            VehicleState(
+                id=spawn.id,
+                x=x,
+                y=y,
+                speed=speed,
+                lane=lane_at(y),
+                accel=accel,
+                heading=heading,
+                length=spawn.length,
+                width=spawn.width,
+                lateral_speed=lateral_speed,
+            )
+            for spawn, x, y, speed, accel, heading, lateral_speed in zip(
+                [self._spawns[row] for row in rows.tolist()], *(column.tolist() for column in columns), strict=True
+            )
+        ]
 
     def _note_contacts(self, rows: IntArray) -> None:
         """Note background vehicles that overlap: next to each other in a lane, or in either lane of a change."""
@@ -406,7 +430,7 @@ class Background:
         behind, ahead = row[:-1], row[1:]
         near = (lane[:-1] == lane[1:]) & (self._x[ahead] - self._traits[0, ahead] < self._x[behind])
         for i, j in zip(behind[near].tolist(), ahead[near].tolist(), strict=True):
-            if i != j and overlap_depth(self._state(i), self._state(j)) > 0.0:
+            if i != j and overlap_depth(*self._states(np.array([i, j]))) > 0.0:
                 first, second = sorted((self._spawns[i].id, self._spawns[j].id))
                 self.contacts.add((first, second))
 
@@ -425,25 +449,28 @@ def _lanes(lanes: Iterable[int]) -> IntArray:
 
 def traits_of(spawns: Sequence[Spawn]) -> FloatArray:
     """Return length, politeness and the IDM's parameters in the order of `Drivers`, one column a vehicle."""
-    rows = [
-        (
-            spawn.length,
-            spawn.politeness,
-            spawn.speed if spawn.desired_speed is None else spawn.desired_speed,
-            spawn.idm.min_gap,
-            spawn.idm.time_gap,
-            spawn.idm.accel,
-            spawn.idm.decel,
-            spawn.idm.exponent,
-        )
-        for spawn in spawns
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 2 + len(fields(Drivers))).T
-
-
-def _stranger(vehicle: VehicleState) -> Spawn:
-    """Return what background drivers take another vehicle to be: a driver like themselves who keeps its speed."""
-    speed = max(vehicle.speed, 1.0)
-    return Spawn(
-        vehicle.id, 1, vehicle.x, vehicle.speed, desired_speed=speed, length=vehicle.length, idm=IdmParameters()
+    return _columns(
+        [
+            _traits(
+                spawn.length,
+                spawn.politeness,
+                spawn.speed if spawn.desired_speed is None else spawn.desired_speed,
+                spawn.idm,
+            )
+            for spawn in spawns
+        ]
     )
+
+
+def _traits(length: float, politeness: float, desired_speed: float, idm: IdmParameters) -> tuple[float, ...]:
+    return length, politeness, desired_speed, idm.min_gap, idm.time_gap, idm.accel, idm.decel, idm.exponent
+
+
+def _stranger_traits(vehicle: VehicleState) -> tuple[float, ...]:
+    """Return what background drivers take another vehicle to be: a driver like themselves who keeps its speed."""
+    return _traits(vehicle.length, Spawn.politeness, max(vehicle.speed, 1.0), _ORDINARY)
+
+
+def _columns(rows: list[tuple[float, ...]]) -> FloatArray:
+    """Return the traits of vehicles, one column a vehicle, also of none."""
+    return np.array(rows, dtype=np.float64).reshape(-1, _TRAIT_COUNT).T

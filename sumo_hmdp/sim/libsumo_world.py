@@ -326,7 +326,12 @@ class LibsumoWorld:
 
     def _checked_ego(self, ego: VehicleState | None) -> VehicleState:
         """Return the ego as SUMO has it, and raise where it was sent somewhere else."""
-        if EGO_ID not in libsumo.vehicle.getIDList():
+        try:
+            # It has no lane where it is known but not on the road.
+            gone = libsumo.vehicle.getLaneIndex(EGO_ID) < 0
+        except libsumo.TraCIException:
+            gone = True
+        if gone:
             self._lose_ego(ego or self._ego, "SUMO took it off the road.")
         if ego is None:
             now = _read_vehicle(self._ego, self.settings.road)
@@ -334,7 +339,7 @@ class LibsumoWorld:
         x, y = libsumo.vehicle.getPosition(EGO_ID)
         road = self.settings.road
         wanted_y = ego.y if self.settings.lane_change_time is None else road.center_y(image_lane(ego.y, road))
-        if libsumo.vehicle.getLaneIndex(EGO_ID) < 0 or not math.hypot(x - ego.x, y - wanted_y) < 1e-6:
+        if not math.hypot(x - ego.x, y - wanted_y) < 1e-6:
             self._lose_ego(ego, f"SUMO has it at x = {x} m, y = {y} m.")
         return ego
 

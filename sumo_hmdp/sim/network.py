@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -191,10 +191,18 @@ class Network:
 
     def in_junction(self, x: ArrayLike) -> NDArray[np.bool_]:
         """Tell which positions x [m] are inside a junction, any shape."""
-        positions = np.asarray(x, dtype=float)[..., None]
-        inner = [stretch for stretch in self.stretches if stretch.edge is None]
-        begins, ends = [s.x_begin for s in inner], [s.x_end for s in inner]
+        positions = np.asarray(x, dtype=float)
+        begins, ends = self._junctions
+        if not len(begins):
+            return np.zeros(positions.shape, dtype=bool)
+        positions = positions[..., None]
         return np.asarray(((begins <= positions) & (positions < ends)).any(axis=-1))
+
+    @cached_property
+    def _junctions(self) -> NDArray[np.float64]:
+        """Where junctions begin and end [m], shape (2, number)."""
+        inner = [(stretch.x_begin, stretch.x_end) for stretch in self.stretches if stretch.edge is None]
+        return np.array(inner, dtype=float).reshape(-1, 2).T
 
     def lane_index(self, x: float, lane: int) -> int:
         """Return SUMO's index of a lane at x [m]: how many lanes lie to its right there."""
@@ -226,11 +234,22 @@ class Network:
 
 
 def read_network(net_file: Path, road: Road) -> Network:
-    """Read a built network and check that it is the road.
+    """Read a built network and check that it is the road; a file that has not changed is read once.
 
     Raises:
         InputError: it cannot be read, its lanes are not the road's, or an edge has nothing to do with the road.
     """
+    try:
+        state = net_file.stat()
+    except OSError as error:
+        raise InputError([f"the network must be readable XML, got: {error}."], str(net_file)) from error
+    return _read_network(net_file, road, (state.st_ino, state.st_mtime_ns, state.st_size))
+
+
+# A run asks for its network five times, and the next run of a study for the same one.
+@lru_cache(maxsize=16)
+def _read_network(net_file: Path, road: Road, version: tuple[int, ...]) -> Network:
+    del version
     layout = layout_of(read_net(net_file), road)
     # What leads where can be told only once every lane is in its place.
     problems = list(road_mistakes(layout)) or list(layout_mistakes(layout))

@@ -18,7 +18,8 @@ from typing import Protocol
 from sumo_hmdp.study.record import RunStatus
 from sumo_hmdp.study.worker import Job, Outcome
 
-RUNS_PER_WORKER = 50
+# A new process takes a second or more until it can start; over 200 restarts SUMO's memory has been seen to stay flat.
+RUNS_PER_WORKER = 200
 # Not `-m`: the classes that go through the pipe must belong to the module's real name.
 PROGRAM = "from sumo_hmdp.study.worker import main; main()"
 # Between the moment at which a worker says where it hangs and the moment at which it is ended [s].

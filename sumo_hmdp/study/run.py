@@ -5,6 +5,7 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -191,6 +192,11 @@ def run_manifest(run: ReadyRun) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of everything that can change a result."""
+    return dict(_versions())
+
+
+@cache
+def _versions() -> dict[str, str]:
     packages = ("pyomo", "numpy", "scipy", "osqp")
     return {
         "sumo_hmdp": version("sumo-hmdp"),

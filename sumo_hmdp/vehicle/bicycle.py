@@ -190,33 +190,31 @@ def _time_to_stop(speed: float, accel: float, jerk: float) -> float:
 def _integrate(state: BicycleState, jerk: float, rate: float, wheelbase: float, span: float) -> BicycleState:
     """Integrate one smooth piece: speed and steering in closed form, heading and (x, y) with RK4."""
 
-    def speed_at(time: float) -> float:
-        return max(state.speed + state.accel * time + jerk * time**2 / 2, 0.0)
+    def motion_at(time: float) -> tuple[float, float]:
+        """Return speed [m/s] and heading' [rad/s]."""
+        speed = max(state.speed + state.accel * time + jerk * time**2 / 2, 0.0)
+        return speed, speed * math.tan(state.steering_angle + rate * time) / wheelbase
 
-    def turn_rate_at(time: float) -> float:
-        return speed_at(time) * math.tan(state.steering_angle + rate * time) / wheelbase
-
-    turn = max(abs(turn_rate_at(0.0)), abs(turn_rate_at(span))) * span
+    v_start, turn_start = motion_at(0.0)
+    turn = max(abs(turn_start), abs(motion_at(span)[1])) * span
     count = max(1, math.ceil(span / MAX_SUBSTEP), math.ceil(turn / MAX_TURN_PER_SUBSTEP))
     h = span / count
     x, y, heading = state.x, state.y, state.heading
+    sixth, third = h / 6, h / 3
     for k in range(count):
-        start, middle, end = k * h, (k + 0.5) * h, (k + 1) * h
         # The slopes depend on time and heading only, so RK4's stages reduce to headings at three instants.
-        turn_start, turn_middle, turn_end = turn_rate_at(start), turn_rate_at(middle), turn_rate_at(end)
-        headings = (
-            heading,
-            heading + h / 2 * turn_start,
-            heading + h / 2 * turn_middle,
-            heading + h * turn_middle,
-        )
-        speeds = (speed_at(start), speed_at(middle), speed_at(middle), speed_at(end))
-        weights = (h / 6, h / 3, h / 3, h / 6)
-        x += sum(w * v * math.cos(angle) for w, v, angle in zip(weights, speeds, headings, strict=True))
-        y += sum(w * v * math.sin(angle) for w, v, angle in zip(weights, speeds, headings, strict=True))
-        heading += h / 6 * (turn_start + 4 * turn_middle + turn_end)
+        v_middle, turn_middle = motion_at((k + 0.5) * h)
+        v_end, turn_end = motion_at((k + 1) * h)
+        second, after_middle = heading + h / 2 * turn_start, heading + h / 2 * turn_middle
+        last = heading + h * turn_middle
+        dx = sixth * v_start * math.cos(heading) + third * v_middle * math.cos(second)
+        dy = sixth * v_start * math.sin(heading) + third * v_middle * math.sin(second)
+        x += dx + third * v_middle * math.cos(after_middle) + sixth * v_end * math.cos(last)
+        y += dy + third * v_middle * math.sin(after_middle) + sixth * v_end * math.sin(last)
+        heading += sixth * (turn_start + 4 * turn_middle + turn_end)
+        v_start, turn_start = v_end, turn_end
     angle = state.steering_angle + rate * span
-    return BicycleState(x, y, heading, speed_at(span), angle, state.accel + jerk * span)
+    return BicycleState(x, y, heading, motion_at(span)[0], angle, state.accel + jerk * span)
 
 
 def _clip(value: float, lower: float, upper: float) -> float:

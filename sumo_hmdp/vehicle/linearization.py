@@ -69,25 +69,21 @@ def nominal_states(
     distances = mean_speed * durations / parameters.rear_axle_to_front_bumper
     decays = np.exp(-distances)
     shares = np.divide(-np.expm1(-distances), distances, out=np.ones_like(distances), where=distances > 0)
+    turns = samples.heading[1:] - samples.heading[:-1]
     gear = parameters.wheelbase / parameters.rear_axle_to_front_bumper
     max_slip = math.atan(math.tan(parameters.max_steering_angle) / gear)
     # Numbers of Python: NumPy's are slow one by one.
     slip = min(max(float(samples.heading[0]) - state.heading, -max_slip), max_slip)
     followed = [slip]
-    for decay, turned in zip(decays.tolist(), (np.diff(samples.heading) * shares).tolist(), strict=True):
+    for decay, turned in zip(decays.tolist(), (turns * shares).tolist(), strict=True):
         slip = min(max(slip * decay + turned, -max_slip), max_slip)
         followed.append(slip)
     slips = np.array(followed)
-    steering = np.arctan(gear * np.tan(slips))
-    columns = (
-        samples.x,
-        samples.y,
-        samples.heading - slips,
-        bumper_speed * np.cos(slips),
-        steering,
-        samples.accel,
-    )
-    return np.stack(columns, axis=1)
+    z = np.empty((len(slips), STATE_SIZE))
+    z[:, X], z[:, Y], z[:, HEADING] = samples.x, samples.y, samples.heading - slips
+    z[:, SPEED], z[:, ACCEL] = bumper_speed * np.cos(slips), samples.accel
+    z[:, STEERING] = np.arctan(gear * np.tan(slips))
+    return z
 
 
 def transitions(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> Transitions:

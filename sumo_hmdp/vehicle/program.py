@@ -111,6 +111,7 @@ class TrackingProgram:
         self._costs = np.repeat(durations / durations[-1], STAGE_SIZE)
         self._cold = WarmStart(np.zeros(steps * STAGE_SIZE), np.zeros(steps * (STATE_SIZE + BOUND_SIZE)))
         matrix, self._order = _constraint_pattern(steps)
+        self._ones = np.ones(steps * (STATE_SIZE + BOUND_SIZE))
         self._solver = osqp.OSQP()
         self._solver.setup(
             sp.csc_matrix(sp.diags_array(self._costs)),
@@ -148,8 +149,8 @@ class TrackingProgram:
         begin = warm_start or self._cold
         self._solver.update(
             q=-self._costs * aims.ravel(),
-            l=np.append(dynamics, lower),
-            u=np.append(dynamics, upper),
+            l=np.concatenate((dynamics, lower)),
+            u=np.concatenate((dynamics, upper)),
             Ax=self._matrix_data(transitions),
         )
         # The solver adapts rho during a solution: every one starts from the same.
@@ -169,8 +170,7 @@ class TrackingProgram:
         """Return the entries of the constraint matrix in the solver's order."""
         B = transitions.B * self._input_units / self._state_units[:, None]
         A = transitions.A[1:] * self._state_units / self._state_units[:, None]
-        ones = np.ones(self.steps * (STATE_SIZE + BOUND_SIZE))
-        entries = np.concatenate([-B[:, B_PATTERN].ravel(), -A[:, A_PATTERN].ravel(), ones])
+        entries = np.concatenate([-B[:, B_PATTERN].ravel(), -A[:, A_PATTERN].ravel(), self._ones])
         return entries[self._order]
 
 

@@ -47,8 +47,11 @@ class Quintic:
     def at(self, time: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return y [m] and dy/dt [m/s] at times since the beginning [s], >= 0, each of the times' shape."""
         t = np.asarray(time, dtype=np.float64)
-        slopes = [i * c for i, c in enumerate(self.coefficients)][1:]
         over = t >= self.duration
+        if over.all():
+            # Most of the time a vehicle keeps its lane.
+            return np.full(t.shape, self.end), np.zeros(t.shape)
+        slopes = [i * c for i, c in enumerate(self.coefficients)][1:]
         return np.where(over, self.end, polyval(t, self.coefficients)), np.where(over, 0.0, polyval(t, slopes))
 
 
@@ -137,7 +140,7 @@ def sample(reference: Reference, times: ArrayLike) -> ReferenceSamples:
     """
     t = np.maximum(np.asarray(times, dtype=np.float64) - reference.time, 0.0)
     free_speed = reference.speed + reference.accel * t
-    speed = np.clip(free_speed, 0.0, reference.top_speed)
+    speed = np.minimum(np.maximum(free_speed, 0.0), reference.top_speed)
     y, y_by_clock = reference.lateral.at(clock_at(reference, times))
     # The clock runs at speed / max(speed, CRAWL_SPEED), so dy/dx needs no division by the speed.
     slope = y_by_clock / np.maximum(speed, CRAWL_SPEED)
@@ -168,7 +171,7 @@ def _ramp_integral(start: float, slope: float, upper: float, t: FloatArray) -> F
         return np.asarray(t * min(start, upper))
     to_upper, to_zero = (upper - start) / slope, -start / slope
     ramp_from, ramp_to = (to_upper, to_zero) if slope < 0 else (0.0, to_upper)
-    first, last = np.clip(ramp_from, 0.0, t), np.clip(ramp_to, 0.0, t)
+    first, last = np.minimum(max(ramp_from, 0.0), t), np.minimum(max(ramp_to, 0.0), t)
     at_upper = first if slope < 0 else t - last
     plateau = at_upper * (upper if np.isfinite(upper) else 0.0)
     return np.asarray(plateau + (last - first) * (start + slope * (first + last) / 2))

@@ -124,6 +124,10 @@ class TrackingMpc:
         self._durations = np.full(horizon_steps, max(dt, PLAN_STEP))
         self._durations[0] = dt
         self._instants = np.append(0.0, np.cumsum(self._durations))  # (N + 1,), from now
+        p, N = parameters, horizon_steps
+        lower = np.array([-p.max_jerk, -p.max_steering_rate, 0.0, -p.max_steering_angle, -p.max_decel])
+        upper = np.array([p.max_jerk, p.max_steering_rate, np.inf, p.max_steering_angle, p.max_accel])
+        self._limits = np.tile(lower, (N, 1)), np.tile(upper, (N, 1))
         self._program = TrackingProgram(np.array(astuple(weights)), self._durations, max_iterations)
 
     def control(
@@ -175,19 +179,17 @@ class TrackingMpc:
         A reference that brakes harder than the vehicle stands before it, and at rest steering has no effect.
         """
         slowest = np.maximum(speed - self.parameters.max_decel * self._instants, 0.0)
-        return np.clip(targets, slowest, speed + self.parameters.max_accel * self._instants)
+        return np.minimum(np.maximum(targets, slowest), speed + self.parameters.max_accel * self._instants)
 
     def _bounds(self, state: BicycleState) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper bounds of jerk, steering rate, speed, steering angle and accel, each (N, 5).
 
         The speed may fall below zero only where it does so although the brakes are released at full jerk.
         """
-        p, N = self.parameters, self.horizon_steps
-        upper = np.array([p.max_jerk, p.max_steering_rate, np.inf, p.max_steering_angle, p.max_accel])
-        lower = np.array([-p.max_jerk, -p.max_steering_rate, 0.0, -p.max_steering_angle, -p.max_decel])
-        lower, upper = np.tile(lower, (N, 1)), np.tile(upper, (N, 1))
+        lower, upper = self._limits
         if state.accel < 0:
-            released = np.minimum(state.accel + p.max_jerk * self._instants, 0.0)
+            lower = lower.copy()
+            released = np.minimum(state.accel + self.parameters.max_jerk * self._instants, 0.0)
             speeds = state.speed + np.cumsum((released[:-1] + released[1:]) / 2 * self._durations)
             lower[:, 2] = np.minimum(speeds - STOP_TOLERANCE, 0.0)
         return lower, upper
@@ -215,7 +217,8 @@ def safe_controls(
 
 def _clipped(jerk: float, steering_rate: float, parameters: BicycleParameters) -> Controls:
     """Return the controls within their limits, which the solver keeps up to its tolerance."""
+    max_jerk, max_rate = parameters.max_jerk, parameters.max_steering_rate
     return Controls(
-        jerk=float(np.clip(jerk, -parameters.max_jerk, parameters.max_jerk)),
-        steering_rate=float(np.clip(steering_rate, -parameters.max_steering_rate, parameters.max_steering_rate)),
+        jerk=min(max(float(jerk), -max_jerk), max_jerk),
+        steering_rate=min(max(float(steering_rate), -max_rate), max_rate),
     )

@@ -27,6 +27,18 @@ def test_the_built_network_is_the_road_and_names_nothing_of_the_machine_that_bui
     assert "<!--" not in NET.read_text()
 
 
+def test_a_network_that_is_unchanged_is_read_once_and_one_that_has_changed_again(tmp_path):
+    file = changed(tmp_path, 'edge id="highway"', 'edge id="road"')
+    network = read_network(file, ROAD)
+    assert network.route == ("road",)
+    assert read_network(file, ROAD) is network
+    changed(tmp_path, 'edge id="highway"', 'edge id="motorway"')
+    assert read_network(file, ROAD).route == ("motorway",)
+    file.unlink()
+    with pytest.raises(InputError, match="readable XML"):
+        read_network(file, ROAD)
+
+
 @pytest.mark.parametrize(
     ("road", "path"), [(Road(2, 4.0), "lane_count"), (Road(3, 3.5), "lane_width")], ids=["lanes", "width"]
 )
