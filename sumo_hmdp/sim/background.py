@@ -41,6 +41,21 @@ _BESIDE = 15.0
 _GIVE_UP = 10.0
 
 
+def trailing_heading(heading: FloatArray, course: FloatArray, distance: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return the headings after the front bumpers moved straight on: d heading / ds = sin(course - heading) / lever.
+
+    Exact for any distance: tan((heading - course) / 2) falls by the factor exp(-distance / lever). A single step of the
+    differential equation would swing ever wider where a vehicle goes farther in a step than twice the lever.
+
+    Args:
+        heading: (N,) before [rad].
+        course: (N,) direction in which the front bumpers have moved [rad].
+        distance: (N,) that they have moved [m].
+        lever: (N,) from the front bumper to the rear axle [m], > 0.
+    """
+    return course + 2.0 * np.arctan(np.tan(0.5 * (heading - course)) * np.exp(-distance / lever))
+
+
 @dataclass(frozen=True)
 class BackgroundSettings:
     """What all background drivers have in common.
@@ -306,7 +321,7 @@ class Background:
         moved = distance > _STANDS
         rows, distance, course = rows[moved], distance[moved], np.arctan2(dy[moved], dx[moved])
         lever = _LEVER * self._traits[0, rows]
-        turned = self._heading[rows] + distance / lever * np.sin(course - self._heading[rows])
+        turned = trailing_heading(self._heading[rows], course, distance, lever)
         self._heading[rows] = np.where(self._has_course[rows], turned, course)
         self._has_course[rows] = True
         # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
