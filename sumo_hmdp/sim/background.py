@@ -53,7 +53,8 @@ def trailing_heading(heading: FloatArray, course: FloatArray, distance: FloatArr
         distance: (N,) that they have moved [m].
         lever: (N,) from the front bumper to the rear axle [m], > 0.
     """
-    return course + 2.0 * np.arctan(np.tan(0.5 * (heading - course)) * np.exp(-distance / lever))
+    half = np.tan(0.5 * (heading - course)) * np.exp(-distance / lever)
+    return np.asarray(course + 2.0 * np.arctan(half), dtype=np.float64)
 
 
 @dataclass(frozen=True)
