@@ -82,6 +82,17 @@ def test_other_tools_read_the_folders_as_they_are(filled, tiny):
         assert len(frame) == expected[table]
 
 
+def test_duckdb_and_polars_read_the_folders_where_they_are_installed(filled, tiny):
+    duckdb, polars = pytest.importorskip("duckdb"), pytest.importorskip("polars")
+    folder = filled()
+    rows = duckdb.read_parquet(f"{folder}/runs/*/*.parquet").aggregate("cell, count(*)").fetchall()
+    assert sorted(rows) == sorted((cell.id, 3) for cell in tiny.cells)
+    for table in TABLES:
+        frame = polars.scan_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True).collect()
+        assert frame["cell"].n_unique() == len(tiny.cells)
+        assert polars.Null not in frame.dtypes
+
+
 def test_runs_without_tables_leave_rows(tiny, tmp_path):
     """Beside a run that was killed, whose counts are missing and not zero."""
     cell = tiny.cells[0]
