@@ -159,8 +159,13 @@ def main() -> None:
     parser.add_argument("--store-runs", type=int, default=8100)
     given = parser.parse_args()
     print("| what | measured |\n| --- | --- |")
-    for rows in (store_rows(given.store_runs), memory_rows(given.memory_runs), speed_rows(given.turns, given.runs)):
-        for what, measured in rows:
+    measures = (
+        lambda: store_rows(given.store_runs),
+        lambda: memory_rows(given.memory_runs),
+        lambda: speed_rows(given.turns, given.runs),
+    )
+    for measure in measures:
+        for what, measured in measure():
             print(f"| {what} | {measured} |", flush=True)
 
 
