@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -170,35 +170,46 @@ def _show_forecast(design: "Design", workers: int) -> None:
 
     from sumo_hmdp.study.forecast import forecast
 
-    Console().print(design_table(design))
+    console = Console()
+    # In a file, too, a cell's name is whole.
+    console = console if console.is_terminal else Console(width=200)
+    console.print(design_table(design))
     found = forecast(design)
     typer.echo(forecast_text(design, found, workers))
-    if found.reason:
-        typer.secho(f"{found.run_id} ended as {found.status}: {found.reason}", fg=typer.colors.YELLOW, err=True)
+    for one in found:
+        if one.reason:
+            typer.secho(f"{one.run_id} ended as {one.status}: {one.reason}", fg=typer.colors.YELLOW, err=True)
 
 
 def design_table(design: "Design") -> "Table":
     """Return the cells of a study with their factors and how many runs each has."""
     from rich.table import Table
 
-    names = list(dict.fromkeys(name for cell in design.cells for name in cell.factors))
+    named = dict.fromkeys(name for cell in design.cells for name in cell.factors)
+    values = {name: {str(cell.factors.get(name, "")) for cell in design.cells} for name in named}
+    # What is the same everywhere stands once, above.
+    names = [name for name in named if len(values[name]) > 1]
+    same = ", ".join(f"{name} {value}" for name in named if name not in names for value in values[name])
     stages = design.stages
     runs = str(len(stages[0])) if len(stages) == 1 else f"{len(stages[0])} to {len(design.seeds)}"
-    table = Table("cell", *names, "runs", title=design.file.name)
+    table = Table("cell", *names, "runs", title=f"{design.file.name}: {same}" if same else design.file.name)
     for cell in design.cells:
         table.add_row(cell.id, *(str(cell.factors.get(name, "")) for name in names), runs)
     return table
 
 
-def forecast_text(design: "Design", found: "Forecast", workers: int) -> str:
+def forecast_text(design: "Design", found: "Sequence[Forecast]", workers: int) -> str:
     """Say what a study will take, and what this is taken from."""
     low, high = (len(design.cells) * len(seeds) for seeds in (design.stages[0], design.seeds))
     span = f"{low}" if low == high else f"{low} to {high}"
-    hours, size = found.wall_time * high / workers / 3600, found.size * high / 1e6
+    times, mean_size = [one.wall_time for one in found], sum(one.size for one in found) / len(found)
+    hours, size = sum(times) / len(times) * high / workers / 3600, mean_size * high / 1e6
     time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
+    took = f"{times[0]:.2f} s" if len(times) == 1 else f"{min(times):.2f} to {max(times):.2f} s"
+    names = "\n  ".join(one.run_id for one in found)
     return (
         f"{len(design.cells)} cells, {span} runs; at most about {time} with {workers} workers and {size:.1f} MB\n"
-        f"if all runs are like {found.run_id}, which took {found.wall_time:.2f} s and {found.size / 1e3:.0f} kB"
+        f"if all runs are like these, which took {took} and {mean_size / 1e3:.0f} kB each:\n  {names}"
     )
 
 

@@ -10,6 +10,7 @@ from scipy import stats
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.report.frames import Cell, FloatArray, by_seed, cell_label, cells_of, is_binary, require_columns
+from sumo_hmdp.report.sample_size import pairs_for_difference
 from sumo_hmdp.report.statistics import RESAMPLES, bootstrap_interval
 
 # With five pairs the Wilcoxon test's smallest p is 2 / 2^5, above 5 %: nothing could ever be shown.
@@ -179,6 +180,16 @@ def variance_saved(first: FloatArray, second: FloatArray) -> float:
 
 def _ratio(top: float, bottom: float) -> float:
     return top / bottom if bottom > 0 else float("nan")
+
+
+def pairs_needed(c: Comparison) -> float:
+    """Return how many pairs would show a difference as large as the one seen; NaN where that cannot be told."""
+    if c.test != "wilcoxon" or not c.difference or np.isnan(c.cohen_dz):
+        return float("nan")
+    try:
+        return pairs_for_difference(abs(c.difference / c.cohen_dz), abs(c.difference))
+    except InputError:
+        return float("nan")
 
 
 @dataclass(frozen=True)

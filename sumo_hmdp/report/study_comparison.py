@@ -12,7 +12,7 @@ import pandas as pd
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.catalogue import METRICS
-from sumo_hmdp.report.comparison import Comparison, Wording, compare_pairs, holm, verdict
+from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_pairs, holm, pairs_needed, verdict
 from sumo_hmdp.report.frames import by_seed, is_binary, numbers
 from sumo_hmdp.report.statistics import describe, rate_table
 from sumo_hmdp.study.store import load
@@ -22,6 +22,9 @@ CONTACT_RATE = "contact_rate"
 DEFAULT_METRICS = (
     "speed_mean_mps", "gap_min_m", "ttc_min_s", CONTACT_RATE, "optimal_share", "lane_change_count", "tet_s",
 )  # fmt: skip
+# What is smaller merely because a run ends early, besides counts.
+SUMS_OVER_TIME = frozenset({"duration_s", "distance_m", "time_loss_s", "tet_s", "tit_s2"})
+SIGNIFICANCE = 0.05
 CELL_COLUMNS = ("scenario", "planner", "solver", "risk_level")
 
 
@@ -93,6 +96,7 @@ def compare_study(
     runs = runs[ended].assign(**{CONTACT_RATE: runs["contact_count"][ended] > 0})
     metrics = tuple(dict.fromkeys(metrics or DEFAULT_METRICS))
     _require_metrics(runs, metrics)
+    notes += _censored(runs, metrics)
     factors = _factors(runs)
     compared = _compared(factors, (by,) if isinstance(by, str) else tuple(by))
     cells = _cells(runs, factors)
@@ -108,6 +112,15 @@ def compare_study(
 
 def _counts(statuses: pd.Series) -> list[tuple[str, int]]:
     return [(str(status), int(count)) for status, count in statuses.value_counts(sort=False).sort_index().items()]
+
+
+def _censored(runs: pd.DataFrame, metrics: Sequence[str]) -> list[str]:
+    """Say which metrics are of a shorter time in some runs."""
+    early = int((runs["status"] == "contact").sum())
+    sums = [name for name in metrics if name in SUMS_OVER_TIME or name.endswith("_count")]
+    if not early or not sums:
+        return []
+    return [f"{early} runs ended early, with contact: their {', '.join(sums)} are of a shorter time"]
 
 
 def _require_metrics(runs: pd.DataFrame, metrics: Sequence[str]) -> None:
@@ -218,7 +231,9 @@ def _differences(cells: Sequence[_Cell], compared: Sequence[str], metrics: Seque
     rows = []
     for (where, comparison), p_adjusted in zip(found, adjusted, strict=True):
         final = replace(comparison, p_adjusted=float(p_adjusted))
-        sentence = verdict(final, wording(final.metric))
+        sentence, needed = verdict(final, wording(final.metric)), pairs_needed(final)
+        if final.p_adjusted > SIGNIFICANCE and final.pair_count >= FEWEST_PAIRS and needed > final.pair_count:
+            sentence += f"; if it is real, about {needed:.0f} pairs would show it in a test of its own"
         rows.append({"where": where, **asdict(final), "verdict": f"{where}: {sentence}" if where else sentence})
     columns = ["where", *Comparison.__dataclass_fields__, "verdict"]
     return pd.DataFrame(rows, columns=columns)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from sumo_hmdp.report.study_data import StudyCell, StudyData
 from sumo_hmdp.report.study_table import StudyTable, listed
-from sumo_hmdp.scenario.traffic import POPULATIONS, LaneChangesFile
+from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.traffic.drivers import TruncatedNormal, VehicleClass
 
 # Of the manifest; what the rest holds is in these.
@@ -48,14 +48,10 @@ def _parameters(cell: StudyCell) -> dict[str, Any]:
 def _drivers(traffic: Mapping[str, Any] | None) -> dict[str, Any]:
     if traffic is None:
         return {}
-    classes = traffic.get("classes")
-    if classes is None:
-        # The manifest names the population only; its classes are part of the package.
-        kinds = {kind.name: _class(kind) for kind in POPULATIONS[traffic["population"]]}
-    else:
-        kinds = {kind["name"]: {key: value for key, value in kind.items() if key != "name"} for kind in classes}
-    mobil = LaneChangesFile.model_validate(traffic.get("lane_changes") or {}).model_dump()
-    return {"idm": kinds, "mobil": mobil}
+    # The manifest may name the population only; its classes are part of the package, and a speed limit slows them.
+    traffic_file = TrafficFile.model_validate(traffic)
+    kinds = {kind.name: _class(kind) for kind in traffic_file.vehicle_classes()}
+    return {"idm": kinds, "mobil": traffic_file.lane_changes.model_dump()}
 
 
 def _class(kind: VehicleClass) -> dict[str, Any]:

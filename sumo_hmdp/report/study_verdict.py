@@ -6,11 +6,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import pandas as pd
 
-from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.registry import Better
-from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_cells, holm, verdict
-from sumo_hmdp.report.sample_size import pairs_for_difference
+from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_cells, holm, pairs_needed, verdict
 from sumo_hmdp.report.study_data import StudyData, baseline_of
 from sumo_hmdp.report.study_table import StudyTable, interval, listed, number, p_text, printed
 
@@ -127,16 +125,6 @@ def _record(finding: Finding) -> dict[str, object]:
         "pairs_needed_count": pairs_needed(c),
         "sentence": verdict(c, wording(c.metric), SIGNIFICANCE),
     }
-
-
-def pairs_needed(c: Comparison) -> float:
-    """Return how many pairs would show a difference as large as the one seen; NaN where that cannot be told."""
-    if c.test != "wilcoxon" or not c.difference or np.isnan(c.cohen_dz):
-        return float("nan")
-    try:
-        return pairs_for_difference(abs(c.difference / c.cohen_dz), abs(c.difference))
-    except InputError:
-        return float("nan")
 
 
 def pairs_table(findings: Sequence[Finding]) -> StudyTable:

@@ -18,13 +18,14 @@ from sumo_hmdp.traffic.drivers import (
     TruncatedNormal,
     VehicleClass,
     class_problems,
+    limited,
     mean_traits,
 )
 from sumo_hmdp.traffic.mobil import LaneChangeRule, Passing
 from sumo_hmdp.traffic.theory import Lane
 from sumo_hmdp.validation import FileModel
 
-POPULATIONS = {"highway": HIGHWAY_CLASSES, "urban": URBAN_CLASSES}
+POPULATIONS: dict[str, tuple[VehicleClass, ...]] = {"highway": HIGHWAY_CLASSES, "urban": URBAN_CLASSES}
 _PER_KM, _PER_HOUR = 1e-3, 1.0 / 3600.0
 
 
@@ -138,7 +139,8 @@ class TrafficFile(FileModel):
     """`traffic`: exactly one of density and flow is given; classes that are left out are those of the population.
 
     `ramp_flow_vph` comes from each on-ramp and `side_flow_vph` from each side street; `exit_share` of all vehicles
-    leave the road before its end, by an exit that is drawn among those ahead of them.
+    leave the road before its end, by an exit that is drawn among those ahead of them. `speed_limit_mps` slows the
+    classes whose drivers want to go faster on average.
     """
 
     density_vpkm_per_lane: NonNegative | None = None
@@ -150,6 +152,7 @@ class TrafficFile(FileModel):
     side_flow_vph: NonNegative = 0.0
     exit_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     warm_up_s: NonNegative = 30.0
+    speed_limit_mps: Positive | None = None
     population: Literal["highway", "urban"] = "highway"
     classes: Annotated[list[ClassFile], Field(min_length=1)] | None = None
     lane_changes: LaneChangesFile = Field(default_factory=LaneChangesFile)
@@ -186,7 +189,7 @@ class TrafficFile(FileModel):
         yield from spreads
         if spreads:
             return
-        classes = self._classes()
+        classes = self.vehicle_classes()
         mistakes = list(class_problems(classes))
         yield from (Problem("traffic.classes", mistake.message) for mistake in mistakes)
         if mistakes:
@@ -210,7 +213,7 @@ class TrafficFile(FileModel):
     def demand(self) -> Demand:
         """Return the demand of each lane; `problems` is empty."""
         return Demand(
-            classes=self._classes(),
+            classes=self.vehicle_classes(),
             density=None if self.density_vpkm_per_lane is None else self.density_vpkm_per_lane * _PER_KM,
             flow=None if self.flow_vph_per_lane is None else self.flow_vph_per_lane * _PER_HOUR,
         )
@@ -219,9 +222,13 @@ class TrafficFile(FileModel):
         """Return the demand of a ramp or side street, None for no flow."""
         if vehicles_per_hour == 0.0:
             return None
-        return Demand(classes=self._classes(), flow=vehicles_per_hour * _PER_HOUR)
+        return Demand(classes=self.vehicle_classes(), flow=vehicles_per_hour * _PER_HOUR)
 
-    def _classes(self) -> tuple[VehicleClass, ...]:
-        if self.classes is None:
-            return POPULATIONS[self.population]
-        return tuple(kind.vehicle_class() for kind in self.classes)
+    def vehicle_classes(self) -> tuple[VehicleClass, ...]:
+        """Return the classes of the background as they drive here."""
+        classes = POPULATIONS[self.population]
+        if self.classes is not None:
+            classes = tuple(kind.vehicle_class() for kind in self.classes)
+        if self.speed_limit_mps is None:
+            return classes
+        return tuple(limited(kind, self.speed_limit_mps) for kind in classes)

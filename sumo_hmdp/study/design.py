@@ -14,13 +14,11 @@ from sumo_hmdp.planning.registry import planner_kinds
 from sumo_hmdp.scenario.checks import data_folder
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
 from sumo_hmdp.scenario.schema import ScenarioFile
+from sumo_hmdp.study.factors import OPTION_FACTORS, Setting, factor_problems, settings_of
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
 from sumo_hmdp.study.schema import SEED_MAX, SeedsFile, StoppingFile, StudyFile
 from sumo_hmdp.study.stopping import metric_problem
 from sumo_hmdp.validation import nearest, parse
-
-# Factors that are no path in a scenario, and the option of a single run with which their mistakes are reported.
-OPTION_FACTORS = {"planner": "--planner", "solver": "--solver", "risk_level": "--epsilon"}
 
 
 @dataclass(frozen=True)
@@ -137,13 +135,8 @@ def _read_scenario(name: str, folder: Path) -> tuple[Path, Document]:
 def _own_problems(file: StudyFile, *, solver_given: bool) -> Iterator[Problem]:
     if len(set(file.scenarios)) < len(file.scenarios):
         yield Problem("scenarios", "must name every scenario once; remove the others")
-    for path, values in file.factors.items():
-        texts = [json.dumps(value, sort_keys=True, default=str) for value in values]
-        for index, text in enumerate(texts):
-            if text in texts[:index]:
-                yield Problem(f"factors.{path}[{index}]", f"must stand once, got {text} again. Remove one")
-    if "solver" in file.factors and ("solver" in file.model_fields_set or solver_given):
-        yield Problem("factors.solver", "must not be a factor and given for all runs; remove one of the two")
+    given = solver_given or "solver" in file.model_fields_set
+    yield from factor_problems(file.factors, solver_given=given)
     yield from _seed_problems(file.seeds, file.stopping)
 
 
@@ -183,11 +176,11 @@ def _cells(
     """Assemble every combination; those whose difference means nothing to their planner are one cell."""
     cells: dict[str, Cell] = {}
     merged = 0
-    indices = [range(len(values)) for values in file.factors.values()]
-    for name, at in itertools.product(scenarios, itertools.product(*indices)):
-        chosen = dict(zip(file.factors, at, strict=True))
+    factors = [settings_of(factor, values) for factor, values in file.factors.items()]
+    for name, settings in itertools.product(scenarios, itertools.product(*factors)):
+        chosen = dict(zip(file.factors, settings, strict=True))
         try:
-            cell = _cell(file, *scenarios[name], {factor: file.factors[factor][i] for factor, i in chosen.items()})
+            cell = _cell(file, *scenarios[name], chosen)
         except InputError as error:
             problems += [_located(problem, chosen, name) for problem in error.problems]
             continue
@@ -208,8 +201,9 @@ def _cells(
     return tuple(cells.values()), tuple(notes)
 
 
-def _cell(file: StudyFile, path: Path, document: Document, values: Mapping[str, Any]) -> Cell:
+def _cell(file: StudyFile, path: Path, document: Document, chosen: Mapping[str, Setting]) -> Cell:
     content = document.content if isinstance(document.content, Mapping) else {}
+    values = {place: value for setting in chosen.values() for place, value in setting.sets.items()}
     overrides = {factor: value for factor, value in values.items() if factor not in OPTION_FACTORS}
     planner, solver, risk_level = (values.get(factor) for factor in OPTION_FACTORS)
     problems = []
@@ -221,7 +215,7 @@ def _cell(file: StudyFile, path: Path, document: Document, values: Mapping[str, 
     if problems:
         raise InputError(problems)
     kind = planner_kinds().get(planner or content.get("planner", ""))
-    kept = dict(values)
+    kept = {factor: setting.value for factor, setting in chosen.items()}
     if kind is not None and "risk_level" not in kind.parameters.model_fields:
         risk_level = None
         kept.pop("risk_level", None)
@@ -244,17 +238,20 @@ def document_of(ready: ReadyRun) -> dict[str, Any]:
     return content
 
 
-def _located(problem: Problem, chosen: Mapping[str, int], scenario: str) -> Problem:
+def _located(problem: Problem, chosen: Mapping[str, Setting], scenario: str) -> Problem:
     """Say where in the study file a scenario's mistake comes from."""
-    for factor, index in chosen.items():
-        if OPTION_FACTORS.get(factor) == problem.path:
-            return Problem(f"factors.{factor}[{index}]", problem.message)
-        if problem.message.startswith("unknown key") and f"{factor}.".startswith(f"{problem.path}."):
-            known = [*OPTION_FACTORS, *ScenarioFile.model_fields]
-            remedy = problem.message if "." in problem.path else f"unknown key; {nearest(problem.path, known)}"
-            return Problem(f"factors.{factor}", f"{remedy} (scenario {scenario})")
-        if factor == problem.path or re.match(rf"{re.escape(factor)}[.\[]", problem.path):
-            return Problem(f"factors.{factor}[{index}]", f"{problem.message} (scenario {scenario})")
+    for setting in chosen.values():
+        for path in setting.sets:
+            place = setting.place_of(path)
+            if OPTION_FACTORS.get(path) == problem.path:
+                return Problem(place, problem.message)
+            if problem.message.startswith("unknown key") and f"{path}.".startswith(f"{problem.path}."):
+                known = [*OPTION_FACTORS, *ScenarioFile.model_fields]
+                remedy = problem.message if "." in problem.path else f"unknown key; {nearest(problem.path, known)}"
+                return Problem(place if setting.named else f"factors.{path}", f"{remedy} (scenario {scenario})")
+            if path == problem.path or re.match(rf"{re.escape(path)}[.\[]", problem.path):
+                inside = problem.path[len(path) :] if setting.named else ""
+                return Problem(f"{place}{inside}", f"{problem.message} (scenario {scenario})")
     if problem.path == "--solver":
         return Problem("solver", problem.message)
     return Problem(f"scenario {scenario}", str(problem))

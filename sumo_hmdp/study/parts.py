@@ -1,7 +1,8 @@
 """The store of a study: Parquet folders partitioned by cell, which are readable at every instant.
 
-A batch of runs of one cell is one file of the same name in each table. Its file in `runs` is written last and vouches
-for the others: what has no such file does not count, and is taken away when the study goes on.
+Some runs of one cell are one file of the same name in each table, which takes more runs in until it is large enough.
+The one in `runs` is replaced last and vouches for the others: rows of runs that it does not have do not count, and are
+taken away when the study goes on.
 """
 
 import fcntl
@@ -15,15 +16,20 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet
 
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.study.design import Cell
-from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS, WALL_CLOCK_COLUMNS
+from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS, timeless
 from sumo_hmdp.study.run import run_manifest
 from sumo_hmdp.study.store import (
+    RUN_COUNT,
     TABLES,
     cell_of,
     read_table,
+    read_vouched,
+    run_count,
     run_files,
     traceback_path,
     whole,
@@ -34,8 +40,10 @@ from sumo_hmdp.study.store import (
 COLUMNS = {
     "steps": STEP_COLUMNS,
     "decisions": DECISION_COLUMNS,
-    "runs": RUN_COLUMNS | {"factors_json": "str"},
+    "runs": RUN_COLUMNS | {"tables_hash": "str", "factors_json": "str"},
 }  # in the order of writing
+# A file takes more runs in below both: few files to open, and little to write again for each batch.
+RUNS_PER_FILE, BYTES_PER_FILE = 200, 8_000_000
 
 
 @dataclass(frozen=True)
@@ -95,11 +103,18 @@ def opened(folder: Path) -> Iterator[Path]:
 
 
 def sweep(folder: Path) -> Finished:
-    """Read what is finished; put damaged files aside and take away what no row of `runs` vouches for."""
+    """Read what is finished; put damaged files aside and take away what no row of `runs` vouches for.
+
+    Of `decisions` and `steps` only the footers are read, so that a large study goes on at once. Damage inside of them
+    is found by whoever reads them.
+    """
     damaged, rows = [], []
     for file in run_files(folder):
         try:
-            tables = {table: read_table(folder / table / file) for table in TABLES}
+            runs = read_table(folder / "runs" / file)
+            for table in ("steps", "decisions"):
+                if run_count(folder / table / file) not in {None, len(runs)}:
+                    _write_part(folder / table / file, read_vouched(folder, table, file), len(runs))
         except InputError as error:
             damaged.append(f"{error.lines()[0].split('. Delete')[0]}; put aside as .damaged, its runs are run again")
             for table in reversed(COLUMNS):
@@ -107,7 +122,7 @@ def sweep(folder: Path) -> Finished:
                 if path.is_file():
                     path.replace(path.with_name(f".{path.name}.damaged"))
         else:
-            rows.append(tables["runs"].assign(cell=cell_of(file)))
+            rows.append(runs.assign(cell=cell_of(file)))
     vouched = {str(file) for file in run_files(folder)}
     for table in TABLES:
         for path in (folder / table).glob("cell=*/*"):
@@ -130,6 +145,7 @@ class Writer:
         self._folder = folder
         self._cells = {cell.id: cell for cell in cells}
         self._waiting: dict[str, list[RunTables]] = defaultdict(list)
+        self._growing: dict[str, Path] = {}
 
     def describe_cells(self) -> list[str]:
         """Write what each cell is; return in which cells the versions of the software are not those of before."""
@@ -172,22 +188,36 @@ class Writer:
 
     def _write(self, cell_id: str, runs: list[RunTables]) -> None:
         runs = sorted(runs, key=lambda run: run.row["seed"])
-        names = "\n".join(run.row["run_id"] for run in runs)
-        file = f"cell={cell_id}/{hashlib.sha256(names.encode()).hexdigest()[:16]}.parquet"
         for run in runs:
             if run.traceback:
                 write_text(traceback_path(self._folder, run.row["run_id"]), run.traceback)
         factors = json.dumps(dict(self._cells[cell_id].factors), sort_keys=True)
+        rows = [{**run.row, "factors_json": factors} for run in runs]
         frames = {
             "steps": _joined([run.steps for run in runs], "steps"),
             "decisions": _joined([run.decisions for run in runs], "decisions"),
-            "runs": pd.DataFrame(
-                [{**run.row, "factors_json": factors} for run in runs], columns=list(COLUMNS["runs"])
-            ).astype(COLUMNS["runs"]),
+            "runs": pd.DataFrame(rows, columns=list(COLUMNS["runs"])).astype(COLUMNS["runs"]),
         }
+        file, count = self._growing.get(cell_id), len(runs)
+        if file is None:
+            names = "\n".join(run.row["run_id"] for run in runs)
+            file = Path(f"cell={cell_id}", f"{hashlib.sha256(names.encode()).hexdigest()[:16]}.parquet")
+        elif (self._folder / "runs" / file).is_file():
+            before = {table: read_vouched(self._folder, table, file) for table in COLUMNS}
+            frames = {table: _joined([before[table], frame], table) for table, frame in frames.items()}
+            count += len(before["runs"])
+        self._growing[cell_id] = file
         for table in COLUMNS:
-            with whole(self._folder / table / file) as partial:
-                frames[table].to_parquet(partial, index=False, write_page_checksum=True)
+            _write_part(self._folder / table / file, frames[table], count)
+        if count >= RUNS_PER_FILE or sum((self._folder / t / file).stat().st_size for t in TABLES) >= BYTES_PER_FILE:
+            del self._growing[cell_id]
+
+
+def _write_part(path: Path, frame: pd.DataFrame, run_count: int) -> None:
+    table = pa.Table.from_pandas(frame, preserve_index=False)
+    table = table.replace_schema_metadata({**table.schema.metadata, RUN_COUNT: str(run_count).encode()})
+    with whole(path) as partial:
+        parquet.write_table(table, partial, write_page_checksum=True)
 
 
 def _joined(frames: list[pd.DataFrame | None], table: str) -> pd.DataFrame:
@@ -210,19 +240,15 @@ def disk() -> Iterator[None]:
 def study_hash(folder: Path, run_ids: frozenset[str]) -> str:
     """Return a hash of everything in the tables of some runs that does not depend on the clock.
 
+    Only `runs` is read: its column `tables_hash` stands for the rest.
+
     Args:
         folder: the store.
         run_ids: the runs.
     """
-    digests = {}
+    lines = []
     for file in run_files(folder):
-        runs: dict[str, list[str]] = defaultdict(list)
-        for table in TABLES:
-            frame = read_table(folder / table / file)
-            frame = frame.drop(columns=[name for name in WALL_CLOCK_COLUMNS if name in frame])
-            for run_id, part in frame.groupby("run_id"):
-                numbers = pd.util.hash_pandas_object(part, index=False).to_numpy().tobytes()
-                runs[str(run_id)].append(f"{table} {hashlib.sha256(numbers).hexdigest()}")
-        digests.update(runs)
-    text = json.dumps(sorted((run_id, parts) for run_id, parts in digests.items() if run_id in run_ids))
-    return hashlib.sha256(text.encode()).hexdigest()
+        frame = timeless(read_table(folder / "runs" / file))
+        numbers = pd.util.hash_pandas_object(frame, index=False)
+        lines += [f"{run_id} {n}" for run_id, n in zip(frame["run_id"], numbers, strict=True) if run_id in run_ids]
+    return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()

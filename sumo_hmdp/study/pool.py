@@ -82,6 +82,11 @@ class LocalPool:
         """How many jobs it takes at present."""
         return self.count - sum(worker.job is not None for worker in self._workers)
 
+    @property
+    def process_ids(self) -> tuple[int, ...]:
+        """The processes that run at present, as the system numbers them."""
+        return tuple(worker.process.pid for worker in self._workers)
+
     def submit(self, job: Job) -> None:
         """Give a job to an idle process; one that has died meanwhile is replaced."""
         idle = [worker for worker in self._workers if worker.job is None]

@@ -1,5 +1,6 @@
 """The record of one run: every instant as table rows, whatever becomes of the run."""
 
+import hashlib
 import json
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -55,6 +56,20 @@ WALL_CLOCK_COLUMNS = (
 
 # A property of an enumeration is slow to ask for every vehicle at every instant.
 _LABEL = {mode: mode.label for mode in Mode}
+
+
+def timeless(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a table without what differs from one execution of the same run to the next."""
+    return frame.drop(columns=[name for name in WALL_CLOCK_COLUMNS if name in frame])
+
+
+def tables_hash(*frames: pd.DataFrame) -> str:
+    """Return a hash of tables of one run, row by row, without what differs from one execution to the next."""
+    digest = hashlib.sha256()
+    for frame in frames:
+        digest.update(pd.util.hash_pandas_object(timeless(frame), index=False).to_numpy().tobytes())
+        digest.update(f" {len(frame)} rows\n".encode())
+    return digest.hexdigest()
 
 
 class Trace(StrEnum):

@@ -1,5 +1,6 @@
 """What a study file may hold: scenarios, factors and seeds, and when to stop. Unknown keys are errors."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -27,6 +28,17 @@ SeedList = Annotated[list[Seed], Field(min_length=1)]
 Seeds = Annotated[Annotated[SeedsFile, Tag("range")] | Annotated[SeedList, Tag("list")], Discriminator(_seeds_form)]
 
 
+def _factor_form(value: object) -> str:
+    return "levels" if isinstance(value, Mapping) else "values"
+
+
+LevelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$")]
+Levels = Annotated[dict[LevelName, dict[str, Any]], Field(min_length=1)]
+Values = Annotated[list[Any], Field(min_length=1)]
+# A list of values of one path, or named levels, each of which sets several paths together.
+Factor = Annotated[Annotated[Values, Tag("values")] | Annotated[Levels, Tag("levels")], Discriminator(_factor_form)]
+
+
 class StoppingFile(FileModel):
     """`stopping`: more seeds, batch by batch, until the metric's confidence interval is narrow enough in every cell.
 
@@ -47,7 +59,7 @@ class StudyFile(FileModel):
     name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
     description: str = ""
     scenarios: Annotated[list[str], Field(min_length=1)]
-    factors: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field(default_factory=dict)
+    factors: dict[str, Factor] = Field(default_factory=dict)
     seeds: Seeds = SeedsFile()
     stopping: StoppingFile | None = None
     solver: str = "milp"

@@ -16,6 +16,8 @@ from sumo_hmdp.errors import InputError
 
 SCHEMA_VERSION = 1
 TABLES = ("runs", "decisions", "steps")
+# In the footer of a study's file: of how many runs it has rows.
+RUN_COUNT = b"sumo_hmdp.run_count"
 
 
 @dataclass(frozen=True)
@@ -138,9 +140,40 @@ def read_table(file: Path) -> pd.DataFrame:
     try:
         frame: pd.DataFrame = parquet.ParquetFile(file, page_checksum_verification=True).read().to_pandas()
     except (OSError, ArrowException) as error:
-        remedy = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
-        raise InputError([f"must be a whole Parquet file: {error}. {remedy}"], str(file)) from None
+        raise _broken(file, error) from None
     return frame
+
+
+def _broken(file: Path, error: Exception) -> InputError:
+    remedy = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
+    return InputError([f"must be a whole Parquet file: {error}. {remedy}"], str(file))
+
+
+def run_count(file: Path) -> int | None:
+    """Return of how many runs a file of a study holds rows, from its footer alone; None where it does not say.
+
+    Raises:
+        InputError: if the file has no sound footer, such as one that was cut short.
+    """
+    try:
+        metadata = parquet.read_schema(file).metadata or {}
+    except (OSError, ArrowException) as error:
+        raise _broken(file, error) from None
+    return int(metadata[RUN_COUNT]) if RUN_COUNT in metadata else None
+
+
+def read_vouched(folder: Path, table: str, file: Path) -> pd.DataFrame:
+    """Read one file of a table without rows of runs that its file in `runs` does not have.
+
+    Such rows are there for an instant while a file takes more runs in, and stay if the process is killed in it.
+
+    Raises:
+        InputError: if a file is damaged, with the remedy.
+    """
+    frame = read_table(folder / table / file)
+    if table == "runs" or run_count(folder / table / file) == run_count(folder / "runs" / file):
+        return frame
+    return frame[frame["run_id"].isin(read_table(folder / "runs" / file)["run_id"])]
 
 
 def load(folder: str | Path) -> Results:
@@ -182,7 +215,7 @@ def _joined(folder: Path, table: str) -> pd.DataFrame:
     for file in run_files(folder):
         path = folder / table / file
         if path.is_file():
-            part = read_table(path)
+            part = read_vouched(folder, table, file)
             cell = cell_of(file)
             parts.append(part if cell is None else part.assign(cell=cell))
     # Empty parts would change the columns' types.

@@ -19,7 +19,7 @@ import pandas as pd
 
 from sumo_hmdp.documents import Document
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario
-from sumo_hmdp.study.record import RunStatus, Trace
+from sumo_hmdp.study.record import RunStatus, Trace, tables_hash
 from sumo_hmdp.study.run import execute, kept_steps
 
 
@@ -91,10 +91,12 @@ def run_job(job: Job) -> Outcome:
     except Exception as error:  # noqa: BLE001 - a run that cannot start must not end the others
         text = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(job.run_id, RunStatus.FAILED, text, traceback=traceback.format_exc())
+    steps = kept_steps(record, job.trace)
+    # Here, where it costs the one process that writes nothing.
+    row = record.row | {"tables_hash": tables_hash(record.decisions, steps)}
     return Outcome(
-        job.run_id, record.status, record.reason, record.row, kept_steps(record, job.trace), record.decisions,
-        record.traceback, record.row["wall_time_s"],
-    )  # fmt: skip
+        job.run_id, record.status, record.reason, row, steps, record.decisions, record.traceback, row["wall_time_s"]
+    )
 
 
 def serve(connection: Connection, scratch: Path) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy.special import ndtr, ndtri
 
@@ -145,6 +145,22 @@ def class_problems(classes: Sequence[VehicleClass]) -> Iterator[Problem]:
         )
     if len(set(names)) != len(names):
         yield Problem("classes", f"class names must differ, got {', '.join(names)}. Rename one.")
+
+
+def limited(kind: VehicleClass, speed_limit: float) -> VehicleClass:
+    """Return a class as it drives under a speed limit.
+
+    Drivers who would go faster on average go at the limit on average, with the spread that they have around their own
+    speed: v0 of each is multiplied by min(1, limit / mean). So some are above the limit, as SUMO's speedFactor has it.
+
+    Args:
+        kind: the class.
+        speed_limit: > 0 [m/s].
+    """
+    speed = kind.desired_speed
+    factor = min(1.0, speed_limit / speed.mean)
+    slower = TruncatedNormal(speed.mean * factor, speed.std * factor, speed.low * factor, speed.high * factor)
+    return kind if factor == 1.0 else replace(kind, desired_speed=slower)
 
 
 def draw_traits(classes: Sequence[VehicleClass], uniforms: Sequence[float]) -> Traits:

@@ -120,7 +120,14 @@ def test_a_dry_run_tells_cells_time_and_disk_and_writes_nothing(call, write_stud
     assert finished.code == 0
     assert "1 combinations are the same cell" in finished.out
     assert "3 cells, 6 runs; at most about 0.0 min with 3 workers and 0." in finished.out
-    assert "if all runs are like case2-hmdp_mpc-search-eps0.01-" in finished.out
+    assert "if all runs are like these, which took " in finished.out
+    lines = finished.out.splitlines()
+    assert [line.strip().rsplit("-", 2)[0] for line in lines[-3:]] == [
+        "case2-hmdp_mpc-search-eps0.01", "case2-hmdp_mpc-search-eps0.05", "case2-idm_mobil-search",
+    ]  # fmt: skip
+    # Names of cells are whole in a file, and what all have in common is said once.
+    assert any(lines[-3].strip().rsplit("-", 1)[0] in line for line in lines[:-5])
+    assert "duration_s 1.2" in finished.out
     assert not (tmp_path / "out").exists()
 
 

@@ -199,3 +199,22 @@ def test_mistakes_are_named(study, tmp_path_factory):
 )
 def test_metrics_in_words(metric, text):
     assert wording(metric).quantity == text
+
+
+def test_a_difference_that_is_not_shown_says_how_many_pairs_it_would_take(tmp_path):
+    # Half a standard deviation: 34 pairs for a power of 80 % (Cohen's tables, G*Power).
+    spread = [step / math.sqrt(24) for step in (-7, -5, -3, -1, 1, 3, 5, 7)]
+    for name, speeds in (("a", [20.0] * 8), ("b", [19.5 - step for step in spread])):
+        write_cell(tmp_path, name, {"planner": name}, speed_mean_mps=speeds)
+    (sentence,) = sumo_hmdp.compare(tmp_path, SPEEDS).verdicts
+    assert sentence.startswith("no difference in mean speed shown between a and b: 0.5 m/s")
+    assert sentence.endswith("; if it is real, about 34 pairs would show it in a test of its own")
+
+
+def test_runs_that_end_early_are_told_where_sums_over_time_are_compared(tmp_path):
+    status = ["completed"] * 7 + ["contact"]
+    write_cell(tmp_path, "a", {"planner": "a"}, status=status, lane_change_count=[3.0] * 8)
+    write_cell(tmp_path, "b", {"planner": "b"}, lane_change_count=[4.0] * 8)
+    notes = sumo_hmdp.compare(tmp_path, ["lane_change_count", "tet_s", "speed_mean_mps"]).notes
+    assert notes == ("1 runs ended early, with contact: their lane_change_count, tet_s are of a shorter time",)
+    assert sumo_hmdp.compare(tmp_path, SPEEDS).notes == ()

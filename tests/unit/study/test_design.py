@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,9 @@ import yaml
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.scenario.checks import data_folder
+from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.study.design import find_study, load_design
+from sumo_hmdp.traffic.drivers import HIGHWAY_CLASSES
 
 CASE2 = Path(__file__).parents[3] / "scenarios" / "case2.yaml"
 
@@ -62,6 +65,63 @@ def test_every_combination_is_a_cell_and_a_planner_without_risk_level_has_one(de
     assert combinations == {(r, v, h) for r in (0.01, 0.05) for v in (29.0, 30.0) for h in (2, 3)}
     assert dict(found.cells[-1].factors) == {"planner": "constant", "ego.speed_mps": 30}
     assert found.cells[0].run_id(7) == f"{found.cells[0].id}-seed7"
+
+
+LEVELS = {
+    "pace": {
+        "slow": {"ego.speed_mps": 25.0, "planners.hmdp_mpc.desired_speed_mps": 26.0},
+        "usual": {},
+    },
+    "setup": {"careful": {"planner": "hmdp_mpc", "risk_level": 0.01}, "rules": {"planner": "idm_mobil"}},
+}
+
+
+def test_a_named_level_sets_several_paths_together(design):
+    found = design(factors=LEVELS)
+    got = {
+        tuple(cell.factors.values()): (
+            cell.ready.episode.ego.speed, cell.ready.planner_name, cell.ready.parameters.get("risk_level"),
+            cell.document["planners"]["hmdp_mpc"].get("desired_speed_mps"),
+        )
+        for cell in found.cells
+    }  # fmt: skip
+    usual = design().cells[0].ready.parameters["desired_speed_mps"]
+    assert got == {
+        ("slow", "careful"): (25.0, "hmdp_mpc", 0.01, 26.0), ("slow", "rules"): (25.0, "idm_mobil", None, 26.0),
+        ("usual", "careful"): (30.0, "hmdp_mpc", 0.01, usual), ("usual", "rules"): (30.0, "idm_mobil", None, usual),
+    }  # fmt: skip
+    assert list(found.cells[0].factors) == ["pace", "setup"]
+    # A cell is what is run: however the file says it, it is the same cell.
+    plain = design(factors={"planner": ["hmdp_mpc"], "risk_level": [0.01], "ego.speed_mps": [30.0]}).cells[0]
+    assert plain.id in {cell.id for cell in found.cells}
+
+
+def test_mistakes_in_named_levels_are_named_where_they_stand(complaints):
+    assert complaints(
+        factors={
+            "pace": {"slow": {"ego.sped_mps": 25.0}, "fast": {"ego.speed_mps": -1, "risk_level": "x"}},
+            "ego.x_m": {"here": {"duration_s": 1.0}},
+            "dur": {"one": {"duration_s": 2.0}, "two": {"duration_s": 2.0}},
+            "b d": {"a b": {"lanes": 1}},
+        }
+    ) == [
+        "factors.b d.a b: must be text of the pattern ^[A-Za-z0-9_]+$, got 'a b'",
+    ]
+    found = complaints(
+        factors={
+            "pace": {"slow": {"ego.sped_mps": 25.0}, "fast": {"ego.speed_mps": 1.0, "risk_level": "x"}},
+            "ego.x_m": {"here": {"duration_s": 3.0}},
+            "dur": {"one": {"duration_s": 2.0}, "two": {"duration_s": 2.0}},
+        }
+    )
+    name = "must be a list of values, or have a name that is no path where its levels are named"
+    assert sorted(found) == [
+        "factors.dur.two: must stand once, got the same values again. Remove one",
+        f"factors.ego.x_m: {name}. Write [value, ...] or rename it",
+        "factors.ego.x_m: must not set duration_s, which the factor `dur` sets. Take it out of one of the two",
+        "factors.pace.fast.risk_level: must be a number, got 'x'",
+        "factors.pace.slow.ego.sped_mps: unknown key; did you mean `speed_mps`? (scenario case2)",
+    ]
 
 
 def test_seeds_are_a_range_a_list_or_batches(design):
@@ -208,3 +268,29 @@ def test_the_studies_on_the_highway(name, cells, seeds):
     design = load_design(find_study(name))
     assert (design.file.name, len(design.cells), len(design.seeds)) == (name, cells, seeds)
     assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * (cells - 1) + ["idm_mobil"]
+
+
+def test_the_reliability_study_has_18_settings_that_differ(tmp_path):
+    design = load_design(find_study("reliability"))
+    assert (len(design.cells), len(design.seeds)) == (18, 450)
+    settings = {}
+    for cell in design.cells:
+        traffic = TrafficFile.model_validate(cell.document["traffic"])
+        shares = {kind.name: kind.share for kind in traffic.vehicle_classes()}
+        speeds = {kind.name: round(kind.desired_speed.mean, 1) for kind in traffic.vehicle_classes()}
+        key = tuple(cell.factors[name] for name in ("traffic.density_vpkm_per_lane", "speed_limit", "drivers"))
+        settings[key] = (traffic.density_vpkm_per_lane, shares, speeds, cell.ready.parameters["desired_speed_mps"])
+    assert len(settings) == 18
+    usual, freight = {"car": 0.85, "truck": 0.15}, {"car": 0.65, "truck": 0.35}
+    assert settings[10.0, "free", "usual"] == (10.0, usual, {"car": 33.3, "truck": 23.6}, 33.0)
+    assert settings[30.0, "kmh80", "freight"] == (30.0, freight, {"car": 22.2, "truck": 22.2}, 22.2)
+    assert settings[20.0, "free", "hurried"][1:3] == (
+        {"car": 0.52, "hurried": 0.33, "truck": 0.15}, {"car": 33.3, "hurried": 38.9, "truck": 23.6},
+    )  # fmt: skip
+    # The classes that the file writes out are those of the package, but for the rounding of km/h.
+    written = TrafficFile.model_validate(design.cells[1].document["traffic"]).vehicle_classes()
+    for ours, theirs in zip(written, HIGHWAY_CLASSES, strict=True):
+        for name in ("desired_speed", "time_gap", "politeness"):
+            assert astuple(getattr(ours, name)) == pytest.approx(astuple(getattr(theirs, name)), abs=1e-3)
+        same = {name: getattr(theirs, name) for name in ("share", "desired_speed", "time_gap", "politeness")}
+        assert replace(ours, **same) == theirs

@@ -4,13 +4,31 @@ import shutil
 
 import pandas as pd
 import pytest
-from pyarrow import dataset
+from pyarrow import dataset, parquet
 
 import sumo_hmdp
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.study import parts
 from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash, sweep
-from sumo_hmdp.study.store import TABLES, write_table
+from sumo_hmdp.study.record import tables_hash
+from sumo_hmdp.study.store import TABLES, writable_folder, write_table
+
+
+def breaking(monkeypatch, broken, error):
+    """Let the writing of one table break off in the middle of its file."""
+    real = parquet.write_table
+
+    def write(table, path, **options):
+        if f"/{broken}/" in str(path):
+            path.write_bytes(b"PAR1 and no more")
+            raise error
+        real(table, path, **options)
+
+    monkeypatch.setattr(parquet, "write_table", write)
+
+
+class KilledError(BaseException):
+    """The process is gone."""
 
 
 @pytest.fixture
@@ -64,6 +82,17 @@ def test_other_tools_read_the_folders_as_they_are(filled, tiny):
         assert len(frame) == expected[table]
 
 
+def test_duckdb_and_polars_read_the_folders_where_they_are_installed(filled, tiny):
+    duckdb, polars = pytest.importorskip("duckdb"), pytest.importorskip("polars")
+    folder = filled()
+    rows = duckdb.read_parquet(f"{folder}/runs/*/*.parquet").aggregate("cell, count(*)").fetchall()
+    assert sorted(rows) == sorted((cell.id, 3) for cell in tiny.cells)
+    for table in TABLES:
+        frame = polars.scan_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True).collect()
+        assert frame["cell"].n_unique() == len(tiny.cells)
+        assert polars.Null not in frame.dtypes
+
+
 def test_runs_without_tables_leave_rows(tiny, tmp_path):
     """Beside a run that was killed, whose counts are missing and not zero."""
     cell = tiny.cells[0]
@@ -80,56 +109,78 @@ def test_runs_without_tables_leave_rows(tiny, tmp_path):
     assert (tmp_path / "failures" / f"{cell.run_id(0)}.txt").read_text() == "Fatal error"
 
 
-def test_a_run_counts_from_its_row_on(filled, tiny, tables, monkeypatch):
-    """Killed before each of the three files, and within each."""
-    folder = filled(batches=((0, 1),))
-    before = sumo_hmdp.load(folder)
-    real = pd.DataFrame.to_parquet
-    for broken in parts.COLUMNS:
-
-        class Killed(BaseException):
-            pass
-
-        def write(frame, path, broken=broken, killed=Killed, real=real, **options):
-            if f"/{broken}/" in str(path):
-                path.write_bytes(b"PAR1 and no more")
-                raise killed
-            real(frame, path, **options)
-
-        with monkeypatch.context() as patch:
-            patch.setattr(pd.DataFrame, "to_parquet", write)
-            writer = Writer(folder, tiny.cells)
-            writer.add(tables(tiny.cells[0], 2))
-            with pytest.raises(Killed):
-                writer.flush()
-        after = sumo_hmdp.load(folder)
-        for table in TABLES:
-            pd.testing.assert_frame_equal(getattr(after, table), getattr(before, table))
-        assert list(folder.rglob("*.partial")) != []
-        assert sweep(folder).run_ids == set(before.runs["run_id"])
-        assert list(folder.rglob("*.partial")) == []
-        for table in TABLES:
-            assert set(pd.read_parquet(folder / table)["run_id"]) == set(before.runs["run_id"])
+@pytest.mark.parametrize("growing", [False, True])
+@pytest.mark.parametrize("broken", parts.COLUMNS)
+def test_a_run_counts_from_its_row_on(tiny, tables, tmp_path, monkeypatch, broken, growing):
+    """Killed while each of the three files is written, into a new file or one that takes more runs in."""
+    writer = Writer(tmp_path, tiny.cells)
+    for seed in (0, 1):
+        writer.add(tables(tiny.cells[0], seed))
+    writer.flush()
+    before = sumo_hmdp.load(tmp_path)
+    with monkeypatch.context() as patch:
+        breaking(patch, broken, KilledError())
+        writer = writer if growing else Writer(tmp_path, tiny.cells)
+        writer.add(tables(tiny.cells[0], 2))
+        with pytest.raises(KilledError):
+            writer.flush()
+    after = sumo_hmdp.load(tmp_path)
+    for table in TABLES:
+        pd.testing.assert_frame_equal(getattr(after, table), getattr(before, table))
+    # Some of the new run is there, unless it was the first file that broke; a reader of the whole folder sees it.
+    written = [t for t in TABLES if tiny.cells[0].run_id(2) in set(pd.read_parquet(tmp_path / t)["run_id"])]
+    assert written == [t for t in TABLES if list(parts.COLUMNS).index(t) < list(parts.COLUMNS).index(broken)]
+    assert list(tmp_path.rglob("*.partial")) != []
+    assert sweep(tmp_path).run_ids == set(before.runs["run_id"])
+    assert list(tmp_path.rglob("*.partial")) == []
+    for table in TABLES:
+        found = pd.read_parquet(tmp_path / table)
+        assert len(found) == len(getattr(before, table))
+        assert set(found["run_id"]) == set(before.runs["run_id"])
 
 
-def test_a_full_disk_leaves_what_was_there(filled, tiny, tables, monkeypatch):
-    folder = filled(batches=((0, 1),))
-
-    def no_space(frame, path, **_):
-        path.write_bytes(b"PAR1")
-        raise OSError(28, "No space left on device")
-
-    writer = Writer(folder, tiny.cells)
+@pytest.mark.parametrize("growing", [False, True])
+@pytest.mark.parametrize("broken", parts.COLUMNS)
+def test_a_full_disk_leaves_what_was_there(tiny, tables, tmp_path, monkeypatch, broken, growing):
+    writable_folder(tmp_path)
+    writer = Writer(tmp_path, tiny.cells)
+    if growing:
+        writer.add(tables(tiny.cells[0], 0))
+        writer.flush()
     writer.add(tables(tiny.cells[0], 2))
     with monkeypatch.context() as patch:
-        patch.setattr(pd.DataFrame, "to_parquet", no_space)
+        breaking(patch, broken, OSError(28, "No space left on device"))
         with pytest.raises(SumoHmdpError, match=r"No space left on device.*make room and start again"):
             writer.flush()
-    assert list(folder.rglob("*.partial")) == []
-    assert len(sumo_hmdp.load(folder).runs) == 8
-    # What could not be written still waits.
+    assert list(tmp_path.rglob("*.partial")) == []
+    assert len(sumo_hmdp.load(tmp_path).runs) == growing
+    # What could not be written still waits, and what was written of it is not there twice.
     writer.flush()
-    assert len(sumo_hmdp.load(folder).runs) == 9
+    assert len(sumo_hmdp.load(tmp_path).runs) == 1 + growing
+    for table in TABLES:
+        assert not pd.read_parquet(tmp_path / table).astype(str).duplicated().any()
+
+
+def test_a_file_takes_runs_in_until_it_is_large_enough(tiny, tables, tmp_path, monkeypatch):
+    monkeypatch.setattr(parts, "RUNS_PER_FILE", 3)
+    writer = Writer(tmp_path, tiny.cells)
+    for seed in range(7):
+        writer.add(tables(tiny.cells[0], seed))
+        writer.flush()
+    files = [parquet.ParquetFile(file) for file in (tmp_path / "runs").glob("*/*.parquet")]
+    assert sorted(file.metadata.num_rows for file in files) == [1, 3, 3]
+    for table in TABLES:
+        assert len(list((tmp_path / table).glob("*/*.parquet"))) == 3
+    everything = frozenset(tiny.cells[0].run_id(seed) for seed in range(7))
+    assert sweep(tmp_path).run_ids == everything
+    assert set(sumo_hmdp.load(tmp_path).decisions["run_id"]) == everything
+    # A file of many steps is large enough sooner.
+    monkeypatch.setattr(parts, "BYTES_PER_FILE", 1)
+    writer = Writer(tmp_path / "large", tiny.cells)
+    for seed in range(2):
+        writer.add(tables(tiny.cells[0], seed))
+        writer.flush()
+    assert len(list((tmp_path / "large" / "runs").glob("*/*.parquet"))) == 2
 
 
 def damage(file):
@@ -151,6 +202,10 @@ def test_a_damaged_file_is_named_and_its_runs_are_not_finished(filled, tiny, tab
         with pytest.raises(InputError, match=r"must be a whole Parquet file.*Delete it") as caught:
             sumo_hmdp.load(folder)
         assert str(file) in str(caught.value)
+    if how is damage and table != "runs":
+        # Going on reads no more of it than its end: the remedy of who reads it all is to delete it.
+        assert sweep(folder).damaged == ()
+        file.unlink()
     everything = {cell.run_id(seed) for cell in tiny.cells for seed in range(3)}
     finished = sweep(folder)
     assert finished.run_ids == everything - lost
@@ -168,7 +223,8 @@ def test_the_hash_is_of_content_and_not_of_batches_or_clocks(filled, tiny, table
     some = frozenset(list(everything)[:-1])
     assert study_hash(tmp_path / "one", some) != one
     folder = tmp_path / "three"
-    for column, value, same in (("wall_time_s", 99.0, True), ("gap_min_m", 1.0, False)):
+    changes = (("wall_time_s", 99.0, True), ("gap_min_m", 1.0, False), ("tables_hash", "other", False))
+    for column, value, same in changes:
         with opened(folder):
             writer = Writer(folder, tiny.cells)
             for cell in tiny.cells:
@@ -178,6 +234,18 @@ def test_the_hash_is_of_content_and_not_of_batches_or_clocks(filled, tiny, table
             writer.flush()
         assert (study_hash(folder, everything) == one) is same
         shutil.rmtree(folder)
+
+
+def test_the_hash_of_a_run_s_tables_is_of_their_rows_but_for_the_clock(tiny, tables):
+    table = tables(tiny.cells[0], 0)
+    whole = tables_hash(table.decisions, table.steps)
+    assert tables_hash(table.decisions.assign(solve_time_ms=9.0), table.steps) == whole
+    changed = [
+        (table.decisions.assign(plan_json="{}"), table.steps), (table.decisions, table.steps.iloc[1:]),
+        (table.decisions, table.steps.iloc[::-1]), (table.decisions.iloc[:0], table.steps),
+        (table.steps, table.decisions), (table.decisions.assign(run_id="other"), table.steps),
+    ]  # fmt: skip
+    assert len({whole, *(tables_hash(*frames) for frames in changed)}) == 1 + len(changed)
 
 
 def test_two_studies_do_not_share_a_folder(tmp_path):

@@ -18,6 +18,7 @@ from sumo_hmdp.traffic.drivers import (
     VehicleClass,
     class_problems,
     draw_traits,
+    limited,
     mean_traits,
 )
 
@@ -82,6 +83,16 @@ def test_each_number_of_a_vehicle_class_is_checked():
     assert paths == set(bad) - {"desired_speed", "time_gap", "politeness"} | {
         "desired_speed.low", "time_gap.low", "politeness.low",
     }  # fmt: skip
+
+
+def test_a_speed_limit_slows_those_who_would_go_faster():
+    # 100 km/h: the cars' 120 becomes 100, their 12 becomes 10, their limits 95 and 150 become 79.17 and 125.
+    slow = limited(CAR, 100 / 3.6)
+    speed = slow.desired_speed
+    assert [3.6 * v for v in (speed.mean, speed.std, speed.low, speed.high)] == pytest.approx([100, 10, 79.1667, 125])
+    assert replace(slow, desired_speed=CAR.desired_speed) == CAR
+    assert limited(TRUCK, 100 / 3.6) is TRUCK
+    assert limited(CAR, CAR.desired_speed.mean) is CAR
 
 
 def test_classes_must_share_everything():
