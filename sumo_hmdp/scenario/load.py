@@ -17,7 +17,6 @@ from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kin
 from sumo_hmdp.scenario.checks import (
     cross_checks,
     crowd_checks,
-    data_folder,
     dead_ends,
     goal_checks,
     lane_count,
@@ -29,6 +28,7 @@ from sumo_hmdp.scenario.checks import (
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
 from sumo_hmdp.scenario.overrides import with_overrides
+from sumo_hmdp.scenario.packaged import scenario_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -91,11 +91,6 @@ class ReadyRun:
     planner: Planner[Any]
     parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
-
-
-def scenario_names() -> dict[str, Path]:
-    """Return the scenarios that come with the package, by name."""
-    return {path.stem: path for path in sorted(data_folder("scenarios").glob("*.yaml"))}
 
 
 def find_scenario(name_or_path: str) -> Path:

@@ -11,8 +11,8 @@ from typing import Any
 from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.registry import planner_kinds
-from sumo_hmdp.scenario.checks import data_folder
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
+from sumo_hmdp.scenario.packaged import study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
 from sumo_hmdp.study.schema import SEED_MAX, SeedsFile, StoppingFile, StudyFile
@@ -73,10 +73,12 @@ def find_study(name_or_path: str) -> Path:
     Raises:
         InputError: if there is neither.
     """
-    known = {path.stem: path for path in sorted((data_folder("scenarios") / "studies").glob("*.yaml"))}
+    known = study_names()
     path = Path(name_or_path)
     if path.is_file() or name_or_path in known:
         return path if path.is_file() else known[name_or_path]
+    if path.exists():
+        raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = nearest(name_or_path, known)
     raise InputError([f"must be a study file or name, got {name_or_path!r} (no such file); {remedy}"])
 

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.scenario.checks import data_folder
+from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.study.design import find_study, load_design
 
 CASE2 = Path(__file__).parents[3] / "scenarios" / "case2.yaml"
