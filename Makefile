@@ -42,7 +42,7 @@ check: setup ## the fast part of the tests: format, lint, types, import rules
 	@touch $@
 
 docs: .venv/.docs setup ## the documentation as a site in site/; broken links and missing pages are errors
-	$(VENV_PYTHON) -m sphinx -q -W --keep-going -d .venv/doctrees docs site
+	$(VENV_PYTHON) -m sphinx -q -E -W --keep-going -d .venv/doctrees docs site
 
 browser: # pages are tested in a real browser; where a container lacks one, Debian's is installed
 	@command -v chromium chromium-browser google-chrome >/dev/null || { \

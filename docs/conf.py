@@ -1,5 +1,6 @@
 """How Sphinx makes a site of these pages: `make docs` writes it to site/, and fails on any warning."""
 
+import re
 from importlib.metadata import version as version_of
 
 import typer
@@ -43,10 +44,12 @@ OUTSIDE = {
 
 
 def prepare(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Turn links out of this folder to the pages that stand for them; add its reference to the page on the commands."""
+    """Turn links out of this folder to the pages that stand for them; add the reference of all commands."""
     up = "../" * page.count("/")
     for outside, inside in OUTSIDE.items():
         source[0] = source[0].replace(f"]({up}{outside}", f"]({up}{inside}")
+    # An equation's number stands far right in the source, where it would be out of sight.
+    source[0] = re.sub(r"(?m)^(    \S.*?) {4,}(\(\d+\))$", r"\1    \2", source[0])
     if page == "command-line":
         command = typer.main.get_command(app)
         context = typer.Context(command, info_name="sumo-hmdp")
