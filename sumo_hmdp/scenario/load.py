@@ -28,7 +28,7 @@ from sumo_hmdp.scenario.checks import (
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
 from sumo_hmdp.scenario.overrides import with_overrides
-from sumo_hmdp.scenario.packaged import scenario_names
+from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -108,6 +108,8 @@ def find_scenario(name_or_path: str) -> Path:
     if path.exists():
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
+    if name_or_path in study_names():
+        remedy = f"it is a study: `sumo-hmdp study {name_or_path} --out DIR`"
     raise InputError([f"must be a scenario file or name, got {name_or_path!r} (no such file); {remedy}"])
 
 
@@ -136,6 +138,8 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         InputError: with every mistake and its path.
     """
     content = document.content
+    if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
+        raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
     problems = list(document.problems)
     if isinstance(content, Mapping) and options.overrides:
         try:

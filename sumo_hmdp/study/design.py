@@ -12,7 +12,7 @@ from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.registry import planner_kinds
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
-from sumo_hmdp.scenario.packaged import study_names
+from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
 from sumo_hmdp.study.schema import SEED_MAX, SeedsFile, StoppingFile, StudyFile
@@ -80,6 +80,8 @@ def find_study(name_or_path: str) -> Path:
     if path.exists():
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = nearest(name_or_path, known)
+    if name_or_path in scenario_names():
+        remedy = f"it is a scenario: `sumo-hmdp run {name_or_path}`"
     raise InputError([f"must be a study file or name, got {name_or_path!r} (no such file); {remedy}"])
 
 
@@ -94,6 +96,8 @@ def load_design(path: Path, solver: str | None = None) -> Design:
         InputError: with every mistake, its path and remedy.
     """
     document = read_yaml(path)
+    if isinstance(document.content, Mapping) and "network" in document.content and "scenarios" not in document.content:
+        raise InputError(["must be a study, got a scenario; run it with `sumo-hmdp run FILE`"], str(path))
     problems = list(document.problems)
     file = _read_study(document.content, problems)
     if solver is not None:

@@ -53,6 +53,20 @@ def test_a_mistake_in_the_call_is_one_line(call, arguments, line):
     assert (finished.code, finished.out) == (2, "")
 
 
+def test_a_study_is_no_scenario_and_a_scenario_no_study(call, short_case, tmp_path):
+    study = tmp_path / "study.yaml"
+    study.write_text("name: tiny\nscenarios: [case2]\nseeds: [0]\n")
+    for arguments, remedy in [
+        (["run", "main"], "it is a study: `sumo-hmdp study main --out DIR`"),
+        (["check", study], "must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"),
+        (["study", "case2", "--out", tmp_path / "out"], "it is a scenario: `sumo-hmdp run case2`"),
+        (["study", short_case(1.2), "--out", tmp_path / "out"], "must be a study, got a scenario; run it with"),
+    ]:
+        finished = call(*arguments)
+        assert (finished.code, finished.out, len(finished.lines)) == (2, "", 1)
+        assert remedy in finished.err
+
+
 def test_a_manifest_that_is_broken_is_one_line(call, short_case, tmp_path):
     assert call("run", short_case(1.2), "--out", tmp_path).code == 0
     manifest = next((tmp_path / "manifests").glob("*.json"))
