@@ -5,7 +5,7 @@ VENV_PYTHON := .venv/bin/python -P
 SOURCES := $(shell find sumo_hmdp networks scenarios -type f -not -name '*.pyc')
 OUT ?= results
 
-.PHONY: help setup study test check browser paper bench bench-traffic lock clean
+.PHONY: help setup study test check docs browser paper bench bench-traffic lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## /\t/' | expand -t 12
@@ -32,10 +32,17 @@ study: setup ## the main job: Case 2 in SUMO with its replay, then a small study
 	.venv/bin/sumo-hmdp report $(OUT)/main
 
 check: setup ## the fast part of the tests: format, lint, types, import rules
-	$(VENV_PYTHON) -m ruff format --check sumo_hmdp tests analysis
-	$(VENV_PYTHON) -m ruff check sumo_hmdp tests analysis
+	$(VENV_PYTHON) -m ruff format --check sumo_hmdp tests analysis docs
+	$(VENV_PYTHON) -m ruff check sumo_hmdp tests analysis docs
 	$(VENV_PYTHON) -m mypy
 	.venv/bin/lint-imports
+
+.venv/.docs: .venv/.dependencies
+	@$(VENV_PYTHON) -m pip install --quiet --disable-pip-version-check -c constraints.txt --no-build-isolation '.[docs]'
+	@touch $@
+
+docs: .venv/.docs setup ## the documentation as a site in site/; broken links and missing pages are errors
+	$(VENV_PYTHON) -m sphinx -q -E -W --keep-going -d .venv/doctrees docs site
 
 browser: # pages are tested in a real browser; where a container lacks one, Debian's is installed
 	@command -v chromium chromium-browser google-chrome >/dev/null || { \
@@ -43,7 +50,7 @@ browser: # pages are tested in a real browser; where a container lacks one, Debi
 	  apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium >/dev/null; \
 	} || echo "no Chromium or Chrome here: the tests of pages will be skipped"
 
-test: check browser ## everything that must hold: check, then all tests on the installed package with coverage
+test: check docs browser ## everything that must hold: check, the site, then all tests on the installed package with coverage
 	$(VENV_PYTHON) -m coverage erase
 	$(VENV_PYTHON) -m pytest -n 2 --cov --cov-report=term
 
@@ -60,9 +67,9 @@ bench-traffic: setup ## simulated seconds per second in traffic, and where the t
 
 lock: ## pin today's versions of all dependencies
 	rm -rf .venv-lock && $(PYTHON) -m venv .venv-lock
-	.venv-lock/bin/python -m pip install --quiet hatchling '.[test]'
+	.venv-lock/bin/python -m pip install --quiet hatchling '.[test,docs]'
 	.venv-lock/bin/python -m pip freeze --exclude sumo-hmdp > constraints.txt
 	rm -rf .venv-lock
 
 clean: ## remove what the other targets made
-	rm -rf .venv build dist results .coverage* .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv build dist results site .coverage* .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,7 +1,6 @@
-"""The command line: `sumo-hmdp decide | run | check | list`, and the commands of the other files `cli_*.py`."""
+"""The command line: `sumo-hmdp run`, and the commands of the other files `cli_*.py`."""
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
-import json
 import signal
 import sys
 import threading
@@ -12,51 +11,57 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer.exceptions import TyperException
 
-from sumo_hmdp import cli_compare, cli_planner, cli_report, cli_study, cli_watch
-from sumo_hmdp.cli_study import INTERRUPTED
-from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
-from sumo_hmdp.validation import nearest
+from sumo_hmdp import cli_check, cli_compare, cli_decide, cli_planner, cli_report, cli_study, cli_watch
+from sumo_hmdp.cli_common import (
+    BAD_INPUT,
+    FAILED,
+    INTERRUPTED,
+    RUNS,
+    JsonOption,
+    PlannerOption,
+    ScenarioArgument,
+    SolverOption,
+    complain,
+    error_console,
+    print_json,
+    say,
+    usage_line,
+)
+from sumo_hmdp.errors import InputError, SumoHmdpError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sumo_hmdp.planning.decide import Answer
-    from sumo_hmdp.planning.problem import DecisionProblem
     from sumo_hmdp.scenario.load import ReadyRun
     from sumo_hmdp.study.run import RunRecord
 
-BAD_INPUT, FAILED = 2, 1
-
 app = typer.Typer(
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
-    help="Co-simulation studies of hybrid-MDP, chance-constrained driving decisions in SUMO.",
-    epilog="Start with `sumo-hmdp run case2`, then open the page that it names.",
+    help="Traffic studies of driving decisions in SUMO: runs, studies of many runs, and what they show.",
+    epilog=(
+        "Start with `sumo-hmdp run case2`, then open the page that it names. "
+        "`sumo-hmdp COMMAND --help` has examples and says which files come out."
+    ),
 )
 
 
 def main() -> None:
     """Run the command line; a mistake of the user ends with exit code 2 and one line per mistake."""
     try:
-        app()
+        # Without anything: the help, as somebody who types the bare name is looking for it.
+        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="sumo-hmdp", standalone_mode=False))
     except InputError as error:
-        _complain(error)
+        complain(error)
         sys.exit(BAD_INPUT)
+    except TyperException as error:
+        say(usage_line(error), typer.colors.RED)
+        sys.exit(error.exit_code)
     except SumoHmdpError as error:
-        _say(f"error: {error}")
+        say(f"error: {error}", typer.colors.RED)
         sys.exit(FAILED)
-
-
-def _complain(error: InputError) -> None:
-    for line in error.lines():
-        _say(line)
-
-
-def _say(line: str) -> None:
-    """Write one line to standard error, red on a terminal."""
-    typer.secho(line, fg=typer.colors.RED, err=True)
 
 
 def _print(table: "Table") -> None:
@@ -80,88 +85,10 @@ def options(
     """Take the options that stand before a command."""
 
 
-SolverOption = Annotated[str, typer.Option(help="How a decision is solved; `sumo-hmdp list` names the solvers.")]
-
-
-@app.command()
-def decide(
-    files: Annotated[list[Path], typer.Argument(help="Decision problems, JSON.", show_default=False)],
-    solver: SolverOption = "milp",
-    explain: Annotated[  # noqa: FBT002 - a flag of the command line
-        bool,
-        typer.Option("--explain", help="Tell on standard error what was predicted and why no other action was taken."),
-    ] = False,
-    figure: Annotated[
-        Path | None, typer.Option(help="Draw the decision, lanes over time: .svg, .png or .pdf. Takes a single file.")
-    ] = None,
-) -> None:
-    """Solve decision problems from files; one line of JSON each, in the order of the files.
-
-    A file with mistakes gets one line per mistake on standard error and none on standard output; the others are
-    still answered, and the exit code is 2.
-
-    Example: `sumo-hmdp decide results/decision_files/case2-hmdp_mpc-eps0.05-seed0/0010.json`
-    """
-    from sumo_hmdp.planning.decide import SOLVERS, answer
-    from sumo_hmdp.planning.problem_file import answer_document, read_problem
-    from sumo_hmdp.planning.risk import RiskBudgetError
-
-    if solver not in SOLVERS:
-        raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
-    if figure is not None:
-        _require_drawable(figure, len(files))
-    code = 0
-    for file in files:
-        try:
-            problem = read_problem(file)
-        except InputError as error:
-            _complain(error)
-            code = BAD_INPUT
-            continue
-        try:
-            found = answer(problem, solver)
-        except RiskBudgetError as error:
-            _complain(InputError([Problem("planner.risk_level", str(error).removeprefix("risk_level "))], str(file)))
-            code = BAD_INPUT
-            continue
-        except SumoHmdpError as error:
-            _say(f"{file}: {error}")
-            code = code or FAILED
-            continue
-        sys.stdout.write(json.dumps(answer_document(found), allow_nan=False) + "\n")
-        sys.stdout.flush()
-        if explain or figure is not None:
-            _explain(file, problem, found, figure, told=explain)
-    raise typer.Exit(code)
-
-
-def _require_drawable(figure: Path, file_count: int) -> None:
-    """Refuse a figure that cannot be drawn before anything is solved."""
-    from sumo_hmdp.report.figures import figure_path
-
-    if file_count > 1:
-        raise InputError([f"--figure: must be given with a single file, got {file_count}. Call once for each file"])
-    figure_path(figure)
-
-
-def _explain(file: Path, problem: "DecisionProblem", found: "Answer", figure: Path | None, *, told: bool) -> None:
-    """Tell why an answer is as it is, draw it, or both."""
-    from sumo_hmdp.planning.explain import explain
-    from sumo_hmdp.report.explain_text import explanation_text
-
-    explanation = explain(problem, found)
-    if told:
-        typer.echo(explanation_text(explanation, str(file)), err=True)
-    if figure is not None:
-        from sumo_hmdp.report.figures import write_decision_figure
-
-        write_decision_figure(figure, explanation)
-
-
-@app.command()
+@app.command(rich_help_panel=RUNS)
 def run(
-    scenario: Annotated[str, typer.Argument(help="A scenario's name (see `list`) or YAML file.", show_default=False)],
-    planner: Annotated[str | None, typer.Option(help="Another planner than the scenario's own.")] = None,
+    scenario: ScenarioArgument,
+    planner: PlannerOption = None,
     solver: SolverOption = "milp",
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0, max=2**31 - 1)] = 0,
     epsilon: Annotated[float | None, typer.Option(help="Another risk level than the scenario's, in (0, 0.5].")] = None,
@@ -173,12 +100,19 @@ def run(
         bool,
         typer.Option("--dump-decisions", help="Write every decision as a file that `decide` answers again."),
     ] = False,
+    as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
 ) -> None:
     """Run one scenario: tables in Parquet, a manifest, and a page with a replay.
 
-    Example: `sumo-hmdp run case2 --epsilon 0.01 --out results`
+    Examples:
+    - `sumo-hmdp run case2 --epsilon 0.01 --out results`
+    - `sumo-hmdp run highway --planner idm_mobil --seed 3`
+    - `sumo-hmdp run my_scenario.yaml --json`
 
-    Read it back with `import sumo_hmdp; results = sumo_hmdp.load("results")`.
+    Files, all in `--out`, NAME being scenario, planner, risk level and seed: `NAME.html`, the page with the replay;
+    `runs/`, `decisions/` and `steps/NAME.parquet`, the tables; `manifests/NAME.json`, configuration, versions and
+    trace hash; `failures/NAME.txt`, the traceback of a run that failed; `decision_files/NAME/` with
+    `--dump-decisions`. Read them back in Python with `sumo_hmdp.load("results")`.
     """
     from sumo_hmdp.report.replay import write_replay
     from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
@@ -189,22 +123,25 @@ def run(
     ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
     folder = writable_folder(out_dir)
     record = _execute_with_progress(ready)
-    shown = f"tables: {folder}"
+    page: Path | None = None
     with _writing():
         save(record, folder, Trace(trace), dump_decisions=dump_decisions)
         if len(record.steps):
             page = page_path(folder, record.run_id)
             write_replay(page, record.manifest, record.steps, record.decisions)
-            shown += f"    page: {page}"
-    _print(summary_table(record))
-    typer.echo(shown)
+    if as_json:
+        print_json({"run": record.row, "results": str(folder), "page": None if page is None else str(page)})
+    else:
+        _print(summary_table(record))
+        typer.echo(f"tables: {folder}" + ("" if page is None else f"    page: {page}"))
     if record.status is RunStatus.FAILED:
-        _say(f"the run failed: {record.reason}; the traceback is in {traceback_path(folder, record.run_id)}")
+        where = traceback_path(folder, record.run_id)
+        say(f"the run failed: {record.reason}; the traceback is in {where}", typer.colors.RED)
         if record.disputed is not None:
-            _say(f"the decision that the solvers dispute is in {dispute_path(folder, record.run_id)}")
+            say(f"the disputed decision is in {dispute_path(folder, record.run_id)}", typer.colors.RED)
         raise typer.Exit(FAILED)
     if record.status is RunStatus.INTERRUPTED:
-        _say("interrupted; everything up to here was kept")
+        say("interrupted; everything up to here was kept", typer.colors.YELLOW)
         raise typer.Exit(INTERRUPTED)
 
 
@@ -223,13 +160,12 @@ def _writing() -> Iterator[None]:
 
 
 def _execute_with_progress(ready: "ReadyRun") -> "RunRecord":
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from sumo_hmdp.sim.episode import Moment
     from sumo_hmdp.study.run import execute
 
-    console = Console(stderr=True)
+    console = error_console()
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"{ready.scenario} · {ready.planner_name}", total=ready.episode.steps, now="0.0 s")
@@ -282,59 +218,5 @@ def summary_table(record: "RunRecord") -> "Table":
     return table
 
 
-@app.command()
-def check(
-    files: Annotated[
-        list[str], typer.Argument(help="Scenario files or names, or decision problems.", show_default=False)
-    ],
-) -> None:
-    """Validate files without running them; one line per mistake, exit code 2 if there is any.
-
-    Example: `sumo-hmdp check my_scenario.yaml results/decision_files/*/*.json`
-    """
-    from sumo_hmdp.planning.problem_file import read_problem
-    from sumo_hmdp.scenario.load import find_scenario, load_scenario
-
-    clean = True
-    for name in files:
-        try:
-            if name.endswith(".json"):
-                read_problem(Path(name))
-            else:
-                load_scenario(find_scenario(name))
-        except InputError as error:
-            _complain(error)
-            clean = False
-        else:
-            typer.echo(f"{name}: ok")
-    if not clean:
-        raise typer.Exit(BAD_INPUT)
-
-
-@app.command(name="list")
-def list_all() -> None:
-    """List the scenarios that come with the package, the planners and the solvers.
-
-    Example: `sumo-hmdp list`
-    """
-    from rich.table import Table
-
-    from sumo_hmdp.documents import read_yaml
-    from sumo_hmdp.planning.decide import SOLVERS
-    from sumo_hmdp.planning.registry import planner_kinds
-    from sumo_hmdp.scenario.load import scenario_names
-
-    scenarios = Table("scenario", "planner", "what it is", title="scenarios")
-    for name, path in scenario_names().items():
-        content = read_yaml(path).content
-        scenarios.add_row(name, content["planner"], " ".join(content["description"].split()))
-    planners = Table("planner", "what it does", title="planners")
-    for name, kind in sorted(planner_kinds().items()):
-        planners.add_row(name, kind.summary)
-    _print(scenarios)
-    _print(planners)
-    typer.echo(f"solvers: {', '.join(SOLVERS)}")
-
-
-for commands in (cli_study, cli_report, cli_compare, cli_planner, cli_watch):
+for commands in (cli_watch, cli_study, cli_report, cli_compare, cli_check, cli_decide, cli_planner):
     commands.add_commands(app)

@@ -1,12 +1,12 @@
 """The command that says what a study shows: `sumo-hmdp compare`."""
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
-import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from sumo_hmdp.cli_common import STUDIES, JsonOption, busy, plain, print_json, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_commands(app: typer.Typer) -> None:
     """Add the commands of this file to the command line."""
-    app.command()(compare)
+    app.command(rich_help_panel=STUDIES)(compare)
 
 
 def compare(
@@ -29,22 +29,25 @@ def compare(
         list[str] | None,
         typer.Option(help="A factor whose values are compared, the planner if nothing is said; several times."),
     ] = None,
-    as_json: Annotated[  # noqa: FBT002 - a flag of the command line
-        bool, typer.Option("--json", help="Print everything as JSON instead.")
-    ] = False,
+    as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
 ) -> None:
     """Compare the cells of a study: means and rates with 95 % intervals, and differences on common seeds.
 
     Two cells are compared if they differ in `--by` and in nothing else that means something to both. p-values are
     corrected (Holm) for everything that one call compares: ask for few metrics.
 
-    Example: `sumo-hmdp compare results/epsilon --metric speed_mean_mps --metric contact_rate`
+    Examples:
+    - `sumo-hmdp compare results/epsilon --metric speed_mean_mps --metric contact_rate`
+    - `sumo-hmdp compare results/epsilon --by risk_level --json`
+
+    No file comes out; `sumo-hmdp report` writes a page.
     """
     from sumo_hmdp.report.study_comparison import compare_study
 
-    found = compare_study(folder, metric or (), by or ())
+    with busy("comparing"):
+        found = compare_study(folder, metric or (), by or ())
     if as_json:
-        typer.echo(json.dumps(document(found), indent=1, allow_nan=False))
+        print_json(document(found))
         return
     from rich.console import Console
 
@@ -57,7 +60,7 @@ def compare(
     if found.differences.empty:
         typer.echo("nothing to compare: no two cells differ in one factor alone")
     for note in found.notes:
-        typer.secho(note, fg=typer.colors.YELLOW, err=True)
+        say(note, typer.colors.YELLOW)
 
 
 def document(found: "StudyComparison") -> dict[str, Any]:
@@ -73,13 +76,8 @@ def document(found: "StudyComparison") -> dict[str, Any]:
 
 
 def _records(frame: "pd.DataFrame") -> list[dict[str, Any]]:
-    return [{str(key): _plain(value) for key, value in row.items()} for row in frame.to_dict("records")]
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a table holds
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else str(value)
-    return value
+    rows: list[dict[str, Any]] = plain(frame.to_dict("records"))
+    return rows
 
 
 def cell_table(found: "StudyComparison") -> "Table":

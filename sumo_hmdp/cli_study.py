@@ -8,11 +8,26 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sumo_hmdp.cli_common import (
+    INTERRUPTED,
+    STUDIES,
+    JsonOption,
+    busy,
+    complete_run,
+    complete_solver,
+    complete_study,
+    error_console,
+    print_json,
+    remark,
+    say,
+)
 from sumo_hmdp.errors import InputError, SumoHmdpError
 
 if TYPE_CHECKING:
@@ -24,17 +39,20 @@ if TYPE_CHECKING:
     from sumo_hmdp.study.pool import Pool
     from sumo_hmdp.study.runner import Progress, Study
 
-INTERRUPTED = 130
-
 
 def add_commands(app: typer.Typer) -> None:
     """Add the commands of this file to the command line."""
-    app.command()(study)
-    app.command()(repro)
+    app.command(rich_help_panel=STUDIES)(study)
+    app.command(rich_help_panel=STUDIES)(repro)
 
 
 def study(
-    file: Annotated[str, typer.Argument(help="A study file, or the name of one that comes along.", show_default=False)],
+    file: Annotated[
+        str,
+        typer.Argument(
+            help="A study file, or the name of one that comes along.", show_default=False, autocompletion=complete_study
+        ),
+    ],
     out_dir: Annotated[Path, typer.Option("--out", help="The study's own directory; what is done there stays.")],
     workers: Annotated[int | None, typer.Option(help="Processes; without it one a core.", min=1)] = None,
     dask: Annotated[str | None, typer.Option(help="Address of a Dask scheduler to run on instead.")] = None,
@@ -42,14 +60,23 @@ def study(
     dry_run: Annotated[  # noqa: FBT002 - a flag of the command line
         bool, typer.Option("--dry-run", help="Check everything, do one run to tell time and disk, and stop.")
     ] = False,
-    solver: Annotated[str | None, typer.Option(help="Another solver than the file's.")] = None,
+    solver: Annotated[
+        str | None, typer.Option(help="Another solver than the file's.", autocompletion=complete_solver)
+    ] = None,
+    as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
 ) -> None:
     """Run every scenario of a study with every combination of its factors and every seed.
 
     The same command goes on after whatever ended it: nothing is run twice, nothing that was finished is lost. The exit
     code is 0 if every run ended well, 1 if some failed, timed out or crashed (they are in `runs` and `ledger.jsonl`).
 
-    Example: `sumo-hmdp study case2_epsilon --out results/epsilon --workers 2`
+    Examples:
+    - `sumo-hmdp study case2_epsilon --out results/epsilon --workers 2`
+    - `sumo-hmdp study my_study.yaml --out results/mine --dry-run`
+    - `sumo-hmdp study my_study.yaml --out results/mine --dask tcp://10.0.0.1:8786`
+
+    Files, in `--out`: `runs/`, `decisions/` and `steps/`, the tables; `cells/*.json`, what each cell is; `study.yaml`,
+    the file as it was run; `ledger.jsonl` and `failures/`, what went wrong. Then: `sumo-hmdp report` and `compare`.
     """
     from sumo_hmdp.study.design import find_study, load_design
     from sumo_hmdp.study.parts import Writer, opened, sweep
@@ -60,10 +87,10 @@ def study(
     path = find_study(file)
     design = load_design(path, solver)
     for note in design.notes:
-        typer.echo(f"note: {note}")
+        remark(f"note: {note}", as_json=as_json)
     count = workers or len(os.sched_getaffinity(0))
     if dry_run:
-        _show_forecast(design, count)
+        _show_forecast(design, count, as_json=as_json)
         return
     with opened(out_dir):
         finished = sweep(out_dir)
@@ -75,11 +102,11 @@ def study(
             try:
                 complete = work.run()
             except KeyboardInterrupt:
-                typer.echo(f"interrupted; what is finished was kept. Go on with\n{_again()}", err=True)
+                say(f"interrupted; what is finished was kept. Go on with\n{_again()}")
                 raise typer.Exit(INTERRUPTED) from None
             finally:
                 pool.close()
-        _show_end(work, out_dir, complete=complete)
+        _show_end(work, out_dir, complete=complete, as_json=as_json)
 
 
 def _keep_file(source: Path, copy: Path) -> None:
@@ -107,14 +134,14 @@ def _pool(workers: int, dask: str | None) -> "Pool":
 def _tell_changes(design: "Design", finished: "Finished", other_versions: list[str]) -> None:
     """Say what a reader must know before old and new runs stand in one table."""
     for line in finished.damaged:
-        typer.secho(line, fg=typer.colors.YELLOW, err=True)
+        say(line, typer.colors.YELLOW)
     orphaned = sorted(set(finished.rows["cell"]) - {cell.id for cell in design.cells})
     for cell in orphaned:
         message = f"cell {cell} is no longer in the study; its runs are kept and left out of the study's hash"
-        typer.secho(message, fg=typer.colors.YELLOW, err=True)
+        say(message, typer.colors.YELLOW)
     for cell in other_versions:
         message = f"cell {cell} was begun with other versions of the software; cells/{cell}.json has both"
-        typer.secho(message, fg=typer.colors.YELLOW, err=True)
+        say(message, typer.colors.YELLOW)
 
 
 @contextmanager
@@ -135,7 +162,6 @@ def _ending_by_signal() -> Iterator[None]:
 
 @contextmanager
 def _progress() -> Iterator[Callable[["Progress"], None]]:
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
 
@@ -143,7 +169,7 @@ def _progress() -> Iterator[Callable[["Progress"], None]]:
         BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[failed]} failed"),
         TextColumn("{task.fields[rate]}"), TimeRemainingColumn(),
     )  # fmt: skip
-    console = Console(stderr=True)
+    console = error_console()
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("runs", total=None, failed=0, rate="")
 
@@ -155,30 +181,53 @@ def _progress() -> Iterator[Callable[["Progress"], None]]:
         yield on_progress
 
 
-def _show_end(work: "Study", folder: Path, *, complete: bool) -> None:
+def _show_end(work: "Study", folder: Path, *, complete: bool, as_json: bool) -> None:
     counts = work.counts()
-    typer.echo(f"{counts.total()} runs: {', '.join(f'{n} {status}' for status, n in sorted(counts.items()))}")
-    typer.echo(f"tables: {folder}    study hash: {work.hash()}")
+    if as_json:
+        by_status = dict(sorted(counts.items()))
+        print_json({"results": str(folder), "runs": by_status, "complete": complete, "study_hash": work.hash()})
+    else:
+        typer.echo(f"{counts.total()} runs: {', '.join(f'{n} {status}' for status, n in sorted(counts.items()))}")
+        typer.echo(f"tables: {folder}    study hash: {work.hash()}")
     if not complete:
-        typer.echo(f"stopped at --limit; go on with\n{_again()}")
+        remark(f"stopped at --limit; go on with\n{_again()}", as_json=as_json)
     if set(counts) - {"completed", "contact"}:
         raise SumoHmdpError(f"some runs did not end well; {folder / 'ledger.jsonl'} says why, failures/ has tracebacks")
 
 
-def _show_forecast(design: "Design", workers: int) -> None:
+def _show_forecast(design: "Design", workers: int, *, as_json: bool) -> None:
     from rich.console import Console
 
     from sumo_hmdp.study.forecast import forecast
 
-    console = Console()
-    # In a file, too, a cell's name is whole.
-    console = console if console.is_terminal else Console(width=200)
-    console.print(design_table(design))
-    found = forecast(design)
-    typer.echo(forecast_text(design, found, workers))
+    with busy("doing a run of a few cells to tell time and disk"):
+        found = forecast(design)
+    if as_json:
+        print_json(forecast_document(design, found, workers))
+    else:
+        console = Console()
+        # In a file, too, a cell's name is whole.
+        console = console if console.is_terminal else Console(width=200)
+        console.print(design_table(design))
+        typer.echo(forecast_text(design, found, workers))
     for one in found:
         if one.reason:
-            typer.secho(f"{one.run_id} ended as {one.status}: {one.reason}", fg=typer.colors.YELLOW, err=True)
+            say(f"{one.run_id} ended as {one.status}: {one.reason}", typer.colors.YELLOW)
+
+
+def forecast_document(design: "Design", found: "Sequence[Forecast]", workers: int) -> dict[str, object]:
+    """Return what a study will take at most, as JSON has it."""
+    run_count = len(design.cells) * len(design.seeds)
+    return {
+        "cells": [{"cell": cell.id, "factors": dict(cell.factors)} for cell in design.cells],
+        "run_count_min": len(design.cells) * len(design.stages[0]),
+        "run_count_max": run_count,
+        "wall_time_max_s": fmean(one.wall_time for one in found) * run_count / workers,
+        "size_max_byte": round(fmean(one.size for one in found) * run_count),
+        "measured_runs": [
+            {"run_id": one.run_id, "status": str(one.status), "wall_time_s": one.wall_time} for one in found
+        ],
+    }
 
 
 def design_table(design: "Design") -> "Table":
@@ -202,8 +251,8 @@ def forecast_text(design: "Design", found: "Sequence[Forecast]", workers: int) -
     """Say what a study will take, and what this is taken from."""
     low, high = (len(design.cells) * len(seeds) for seeds in (design.stages[0], design.seeds))
     span = f"{low}" if low == high else f"{low} to {high}"
-    times, mean_size = [one.wall_time for one in found], sum(one.size for one in found) / len(found)
-    hours, size = sum(times) / len(times) * high / workers / 3600, mean_size * high / 1e6
+    times, mean_size = [one.wall_time for one in found], fmean(one.size for one in found)
+    hours, size = fmean(times) * high / workers / 3600, mean_size * high / 1e6
     time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
     took = f"{times[0]:.2f} s" if len(times) == 1 else f"{min(times):.2f} to {max(times):.2f} s"
     names = "\n  ".join(one.run_id for one in found)
@@ -215,17 +264,30 @@ def forecast_text(design: "Design", found: "Sequence[Forecast]", workers: int) -
 
 def repro(
     folder: Annotated[Path, typer.Argument(help="A results directory.", show_default=False)],
-    run_id: Annotated[str, typer.Argument(help="A run in it, as in the table `runs`.", show_default=False)],
+    run_id: Annotated[
+        str,
+        typer.Argument(help="A run in it, as in the table `runs`.", show_default=False, autocompletion=complete_run),
+    ],
+    as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
 ) -> None:
     """Do a stored run again, from what is stored of it alone, and compare the traces bit for bit.
 
-    Example: `sumo-hmdp repro results case2-hmdp_mpc-eps0.05-seed0`
+    Examples:
+    - `sumo-hmdp repro results case2-hmdp_mpc-eps0.05-seed0`
+    - `sumo-hmdp repro results/epsilon RUN_ID --json`
+
+    No file comes out. The exit code is 0 if the traces are the same, 1 if they differ.
     """
     from sumo_hmdp.study.repro import reproduce
 
-    found = reproduce(folder, run_id)
+    with busy(f"doing {run_id} again"):
+        found = reproduce(folder, run_id)
+    if as_json:
+        print_json({"run_id": run_id, "same": found.same, **asdict(found)})
     for line in found.versions:
-        typer.echo(f"other version: {line}")
+        remark(f"other version: {line}", as_json=as_json)
+    if found.same and as_json:
+        return
     if found.same:
         typer.echo(f"the same: trace hash {found.new_hash[:16]}")
         return

@@ -8,19 +8,20 @@ from typing import Annotated
 
 import typer
 
+from sumo_hmdp.cli_common import RUNS, PlannerOption, ScenarioArgument, complete_solver
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.sim import window
 
 
 def add_commands(app: typer.Typer) -> None:
     """Add the command to the command line."""
-    app.command()(watch)
+    app.command(rich_help_panel=RUNS)(watch)
 
 
 def watch(
-    scenario: Annotated[str, typer.Argument(help="A scenario's name (see `list`) or YAML file.", show_default=False)],
-    planner: Annotated[str | None, typer.Option(help="Another planner than the scenario's own.")] = None,
-    solver: Annotated[str, typer.Option(help="milp, search or both.")] = "search",
+    scenario: ScenarioArgument,
+    planner: PlannerOption = None,
+    solver: Annotated[str, typer.Option(help="milp, search or both.", autocompletion=complete_solver)] = "search",
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
     delay: Annotated[int, typer.Option("--delay-ms", help="Pause after each step.", min=0, max=2000)] = 100,
     out_dir: Annotated[Path, typer.Option("--out", help="Directory for tables, manifest and page.")] = Path("results"),
@@ -30,7 +31,11 @@ def watch(
     It is the same run as with `run`, over TraCI instead of libsumo, and so slower.
     Needs sumo-gui and TraCI: `pip install "sumo-hmdp[gui]"`.
 
-    Example: `sumo-hmdp watch highway --delay-ms 50`
+    Examples:
+    - `sumo-hmdp watch highway --delay-ms 50`
+    - `sumo-hmdp watch urban --planner idm_mobil --seed 2`
+
+    Files: those of `run`, in `--out`.
     """
     if window.program() is None:
         raise InputError(["watch must find sumo-gui, got none; install it with `pip install 'sumo-hmdp[gui]'`"])

@@ -107,6 +107,8 @@ _REQUIREMENTS = {
     "int_type": _WHOLE,
     "int_from_float": _WHOLE,
     "int_parsing_size": _WHOLE,
+    "int_parsing": _WHOLE,
+    "float_parsing": _NUMBER,
     "string_too_short": "at least {min_length} character long",
     "string_pattern_mismatch": "text of the pattern {pattern}",
     "too_short": "a list of at least {min_length}",
@@ -125,6 +127,14 @@ def _requirement(mistake: Any) -> str:  # noqa: ANN401 - pydantic's ErrorDetails
         return f"must be {template.format(**mistake.get('ctx', {}))}"
     message = str(mistake["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     return message if message.startswith(("must", "is ")) else f"must be {message[0].lower()}{message[1:]}"
+
+
+def value_problem(error: ValidationError) -> str:
+    """Say what must hold of a single value, such as an option's, and what was given."""
+    mistake = error.errors()[0]
+    choices = str(mistake["msg"]).partition(" is not one of ")[2].rstrip(".")
+    requirement = f"must be one of {choices}" if choices else _requirement(mistake)
+    return f"{requirement}, got {shown(mistake['input'])}"
 
 
 def _tag_key(mistake: Any) -> str:  # noqa: ANN401 - pydantic's ErrorDetails

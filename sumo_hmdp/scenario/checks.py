@@ -1,7 +1,6 @@
-"""Checks of a scenario that take more than one key, and where networks and scenarios are found."""
+"""Checks of a scenario that take more than one key."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -11,6 +10,7 @@ from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.hmdp.policy import dead_end
 from sumo_hmdp.planning.problem_checks import dead_end_problem, table_checks
+from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.scenario.schema import (
     ScenarioFile,
 )
@@ -18,12 +18,6 @@ from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.demand import CROWD_PREFIX
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
-
-
-def data_folder(kind: str) -> Path:
-    """Return the folder of the scenarios or networks that come with the package."""
-    packaged = Path(str(files("sumo_hmdp"))) / "_data" / kind
-    return packaged if packaged.is_dir() else Path(str(files("sumo_hmdp"))).parent / kind
 
 
 def lane_count(raw: Mapping[str, Any]) -> int | None:

@@ -17,7 +17,6 @@ from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kin
 from sumo_hmdp.scenario.checks import (
     cross_checks,
     crowd_checks,
-    data_folder,
     dead_ends,
     goal_checks,
     lane_count,
@@ -29,6 +28,7 @@ from sumo_hmdp.scenario.checks import (
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
 from sumo_hmdp.scenario.overrides import with_overrides
+from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -93,11 +93,6 @@ class ReadyRun:
     configuration: Mapping[str, Any]
 
 
-def scenario_names() -> dict[str, Path]:
-    """Return the scenarios that come with the package, by name."""
-    return {path.stem: path for path in sorted(data_folder("scenarios").glob("*.yaml"))}
-
-
 def find_scenario(name_or_path: str) -> Path:
     """Return the file of a scenario, given by path or by the name of one that comes with the package.
 
@@ -113,6 +108,8 @@ def find_scenario(name_or_path: str) -> Path:
     if path.exists():
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
+    if name_or_path in study_names():
+        remedy = f"it is a study: `sumo-hmdp study {name_or_path} --out DIR`"
     raise InputError([f"must be a scenario file or name, got {name_or_path!r} (no such file); {remedy}"])
 
 
@@ -141,6 +138,8 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         InputError: with every mistake and its path.
     """
     content = document.content
+    if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
+        raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
     problems = list(document.problems)
     if isinstance(content, Mapping) and options.overrides:
         try:

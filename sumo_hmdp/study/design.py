@@ -11,8 +11,8 @@ from typing import Any
 from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.registry import planner_kinds
-from sumo_hmdp.scenario.checks import data_folder
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
+from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.factors import OPTION_FACTORS, Setting, factor_problems, settings_of
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
@@ -71,11 +71,15 @@ def find_study(name_or_path: str) -> Path:
     Raises:
         InputError: if there is neither.
     """
-    known = {path.stem: path for path in sorted((data_folder("scenarios") / "studies").glob("*.yaml"))}
+    known = study_names()
     path = Path(name_or_path)
     if path.is_file() or name_or_path in known:
         return path if path.is_file() else known[name_or_path]
+    if path.exists():
+        raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = nearest(name_or_path, known)
+    if name_or_path in scenario_names():
+        remedy = f"it is a scenario: `sumo-hmdp run {name_or_path}`"
     raise InputError([f"must be a study file or name, got {name_or_path!r} (no such file); {remedy}"])
 
 
@@ -90,6 +94,8 @@ def load_design(path: Path, solver: str | None = None) -> Design:
         InputError: with every mistake, its path and remedy.
     """
     document = read_yaml(path)
+    if isinstance(document.content, Mapping) and "network" in document.content and "scenarios" not in document.content:
+        raise InputError(["must be a study, got a scenario; run it with `sumo-hmdp run FILE`"], str(path))
     problems = list(document.problems)
     file = _read_study(document.content, problems)
     if solver is not None:

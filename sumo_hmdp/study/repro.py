@@ -1,6 +1,5 @@
 """Doing a stored run again from what is stored of it, and comparing."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from sumo_hmdp.documents import Document
+from sumo_hmdp.documents import Document, read_json
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.scenario.load import RunOptions, assemble_scenario
 from sumo_hmdp.study.run import execute, versions
@@ -106,5 +105,5 @@ def _manifest(folder: Path, file: Path, run_id: str) -> Mapping[str, Any]:
     path = manifest_path(folder, run_id) if cell is None else folder / "cells" / f"{cell}.json"
     if not path.is_file():
         raise InputError(["must be there to do a run again, got no such file. Restore it"], str(path))
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    content: dict[str, Any] = read_json(path).content
     return content

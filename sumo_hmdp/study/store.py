@@ -12,6 +12,7 @@ import pandas as pd
 from pyarrow import parquet
 from pyarrow.lib import ArrowException
 
+from sumo_hmdp.documents import read_json
 from sumo_hmdp.errors import InputError
 
 SCHEMA_VERSION = 1
@@ -146,7 +147,7 @@ def read_table(file: Path) -> pd.DataFrame:
 
 def _broken(file: Path, error: Exception) -> InputError:
     remedy = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
-    return InputError([f"must be a whole Parquet file: {error}. {remedy}"], str(file))
+    return InputError([f"must be a whole Parquet file: {str(error).rstrip('.')}. {remedy}"], str(file))
 
 
 def run_count(file: Path) -> int | None:
@@ -251,5 +252,5 @@ def _manifests(folder: Path, runs: pd.DataFrame) -> dict[str, Mapping[str, Any]]
 
 
 def _read_json(file: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    content: dict[str, Any] = read_json(file).content
     return content

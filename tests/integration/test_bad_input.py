@@ -433,10 +433,3 @@ def test_results_that_cannot_be_written_are_refused_before_the_run(call, tmp_pat
         finished = call("run", "case2", "--out", folder)
         assert (finished.code, finished.out, len(finished.lines)) == (2, "", 1)
         assert finished.err.startswith(f"--out: {folder} must be a writable directory: ")
-
-
-@pytest.mark.parametrize("arguments", [["run"], ["run", "case2", "--seed", "-1"], ["run", "case2", "--trace", "some"]])
-def test_a_misuse_of_the_command_line_ends_with_2(call, arguments):
-    finished = call(*arguments)
-    assert (finished.code, finished.out) == (2, "")
-    assert "Usage" in finished.err

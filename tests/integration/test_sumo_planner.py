@@ -12,8 +12,8 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
-from sumo_hmdp.scenario.checks import data_folder
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
+from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.world_checks import WorldSettings

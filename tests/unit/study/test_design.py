@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.scenario.checks import data_folder
+from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.study.design import find_study, load_design
 from sumo_hmdp.traffic.drivers import HIGHWAY_CLASSES

@@ -1,0 +1,115 @@
+"""The commands that look at what there is: `sumo-hmdp check | list`."""
+# ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sumo_hmdp.cli_common import BAD_INPUT, FILES, JsonOption, complain, complete_checked, print_json
+from sumo_hmdp.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands of this file to the command line."""
+    app.command(rich_help_panel=FILES)(check)
+    app.command(name="list", rich_help_panel=FILES)(list_all)
+
+
+def check(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            help="Scenario files or names, or decision problems.", show_default=False, autocompletion=complete_checked
+        ),
+    ],
+    as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
+) -> None:
+    """Validate files without running them; one line per mistake, exit code 2 if there is any.
+
+    Examples:
+    - `sumo-hmdp check my_scenario.yaml`
+    - `sumo-hmdp check results/decision_files/*/*.json --json`
+
+    No file comes out. A study file is checked by `sumo-hmdp study FILE --out DIR --dry-run`.
+    """
+    from sumo_hmdp.planning.problem_file import read_problem
+    from sumo_hmdp.scenario.load import find_scenario, load_scenario
+
+    found: list[dict[str, Any]] = []
+    for name in files:
+        problems: list[dict[str, str]] = []
+        try:
+            if name.endswith(".json"):
+                read_problem(Path(name))
+            else:
+                load_scenario(find_scenario(name))
+        except InputError as error:
+            complain(error)
+            problems = [{"path": problem.path, "message": problem.message} for problem in error.problems]
+        else:
+            if not as_json:
+                typer.echo(f"{name}: ok")
+        found.append({"file": name, "ok": not problems, "problems": problems})
+    if as_json:
+        print_json({"files": found})
+    if not all(file["ok"] for file in found):
+        raise typer.Exit(BAD_INPUT)
+
+
+def list_all(as_json: JsonOption = False) -> None:  # noqa: FBT002 - a flag of the command line
+    """List the scenarios and studies that come with the package, the planners and the solvers.
+
+    Examples:
+    - `sumo-hmdp list`
+    - `sumo-hmdp list --json`
+
+    No file comes out. Planners of packages that are installed beside this one are listed, too.
+    """
+    from rich.console import Console
+
+    from sumo_hmdp.planning.decide import SOLVERS
+    from sumo_hmdp.planning.registry import planner_kinds
+    from sumo_hmdp.scenario.packaged import scenario_names, study_names
+
+    listed: dict[str, list[dict[str, str]]] = {
+        "scenarios": [
+            {"scenario": name, "planner": content["planner"], "what it is": " ".join(content["description"].split())}
+            for name, content in _contents(scenario_names())
+        ],
+        "studies": [
+            {"study": name, "scenarios": ", ".join(content["scenarios"]), "factors": ", ".join(content["factors"])}
+            for name, content in _contents(study_names())
+        ],
+        "planners": [{"planner": name, "what it does": kind.summary} for name, kind in sorted(planner_kinds().items())],
+    }
+    if as_json:
+        as_keys = {"what it is": "description", "what it does": "summary"}
+        renamed = {
+            title: [{as_keys.get(key, key): value for key, value in row.items()} for row in rows]
+            for title, rows in listed.items()
+        }
+        print_json(renamed | {"solvers": list(SOLVERS)})
+        return
+    console = Console()
+    for title, rows in listed.items():
+        console.print(_listing(title, rows))
+    typer.echo(f"solvers: {', '.join(SOLVERS)}")
+
+
+def _contents(files: dict[str, Path]) -> list[tuple[str, Any]]:
+    from sumo_hmdp.documents import read_yaml
+
+    return [(name, read_yaml(path).content) for name, path in files.items()]
+
+
+def _listing(title: str, rows: list[dict[str, str]]) -> "Table":
+    from rich.table import Table
+
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        table.add_row(*row.values())
+    return table
