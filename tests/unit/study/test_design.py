@@ -208,3 +208,21 @@ def test_the_studies_on_the_highway(name, cells, seeds):
     design = load_design(find_study(name))
     assert (design.file.name, len(design.cells), len(design.seeds)) == (name, cells, seeds)
     assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * (cells - 1) + ["idm_mobil"]
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "seeds"),
+    [
+        ("highway_planners", 9, 100),
+        ("highway_ramps_planners", 9, 100),
+        ("urban_planners", 9, 100),
+        ("matched_planners", 9, 100),
+        ("urban_route", 3, 50),
+    ],
+)
+def test_the_studies_of_three_planners(name, cells, seeds):
+    design = load_design(find_study(name))
+    assert (design.file.name, len(design.cells), len(design.seeds)) == (name, cells, seeds)
+    drivers = [cell.ready.planner_name for cell in design.cells]
+    assert {driver: drivers.count(driver) for driver in drivers} == dict.fromkeys(drivers, cells // 3)
+    assert {cell.ready.solver for cell in design.cells} == {"search"}
