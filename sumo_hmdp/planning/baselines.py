@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from pydantic import Field
 
@@ -10,16 +11,37 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import Command, Decision, Status
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.idm import Idm
-from sumo_hmdp.planning.mobil import Mobil, follow_in_lane
-from sumo_hmdp.planning.problem_schema import NonNegative, Positive
+from sumo_hmdp.planning.mobil import Goal, Mobil, follow_in_lane, leader_in_lane
+from sumo_hmdp.planning.occupancy import body_lanes
+from sumo_hmdp.planning.problem_schema import NonNegative, Number, Positive
 from sumo_hmdp.validation import FileModel
 
 # A rule has no modes: an acceleration below this is recorded as cruising, and nothing depends on it [m/s2].
 CRUISE_ACCEL = 0.5
 
 
+class GoalFile(FileModel):
+    """`goal` of `idm_mobil`: the lane that the route needs, and by where.
+
+    The numbers with a default are those of the traffic around the ego.
+    """
+
+    lane: int
+    x_m: Number
+    bias_mps2: NonNegative = 2.0
+    time_s: Positive = 30.0
+
+    def goal(self, desired_speed: float) -> Goal:
+        """Return the goal of a driver with a desired speed [m/s]."""
+        return Goal(lane=self.lane, x=self.x_m, distance=self.time_s * desired_speed, bias=self.bias_mps2)
+
+
 class IdmMobilFile(FileModel):
-    """The keys of `idm_mobil` in a scenario; the defaults are those of the published rule-based baseline."""
+    """The keys of `idm_mobil` in a scenario; the defaults are those of the published rule-based baseline.
+
+    `occupancy: swept` and `goal` are extensions, for roads with junctions and routes. As published a vehicle in a lane
+    change counts in its target lane only, the ego for itself too, and nobody has a route.
+    """
 
     desired_speed_mps: Positive = 30.0
     min_gap_m: NonNegative = 2.0
@@ -34,6 +56,8 @@ class IdmMobilFile(FileModel):
     safe_decel_mps2: Positive = 3.0
     leader_range_m: NonNegative = 95.0
     forbidden_lanes: list[int] = Field(default_factory=list)
+    occupancy: Literal["target", "swept"] = "target"
+    goal: GoalFile | None = None
 
     def idm(self) -> Idm:
         """Return the car-following model."""
@@ -49,12 +73,15 @@ class IdmMobilFile(FileModel):
 
     def mobil(self) -> Mobil:
         """Return the lane-change model."""
+        goal = None if self.goal is None else self.goal.goal(self.desired_speed_mps)
         return Mobil(
             politeness=self.politeness,
             threshold=self.threshold_mps2,
             safe_decel=self.safe_decel_mps2,
             leader_range=self.leader_range_m,
             forbidden_lanes=frozenset(self.forbidden_lanes),
+            goal=goal,
+            swept=self.occupancy == "swept",
         )
 
 
@@ -122,9 +149,16 @@ class IdmMobilPlanner:
             # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
             memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
         lane = scene.ego.lane + lateral
-        accel = follow_in_lane(scene, scene.ego, lane, self.idm)
+        accel = min(follow_in_lane(scene, scene.ego, lane, self.idm), self._behind_others(scene))
         decision = rule_decision(scene, Command(lane, accel), lateral)
         return replace(decision, solve_time=time.perf_counter() - started), memory
+
+    def _behind_others(self, scene: Scene) -> float:
+        """Return the acceleration behind the leaders of all lanes that the ego's body is over [m/s2]."""
+        if not self.mobil.swept:
+            return math.inf
+        over = body_lanes(scene.road, scene.ego.y, scene.ego.width)
+        return min(self.idm.follow(scene.ego, leader_in_lane(scene, scene.ego, lane)) for lane in over)
 
     def _ends_a_lateral_period(self, step: int) -> bool:
         return (step + 1) % round(self.lateral_period / self.dt) == 0

@@ -19,7 +19,7 @@ class SumoDriver:
 
     Attributes:
         lane_change_time: from one lane's centre to the next [s], at constant lateral speed.
-        desired_speed: on a free road [m/s], at least the speed at which the ego starts.
+        desired_speed: on a free road [m/s]; an ego that starts faster, in traffic, comes down to it by `decel`.
         min_gap: gap at standstill [m].
         time_gap: desired [s].
         accel: largest acceleration [m/s2].

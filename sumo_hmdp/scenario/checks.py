@@ -36,9 +36,14 @@ def planner_lane_checks(section: Mapping[str, Any], path: str, count: int | None
     """Check the lanes that a planner wants or avoids."""
     if count is None:
         return
-    goal = section.get("goal_lane")
-    if is_whole(goal) and not 1 <= goal <= count:
-        yield Problem(f"{path}.goal_lane", f"must be 1..{count}, got {goal}")
+    nested = section.get("goal")
+    goals = {
+        "goal_lane": section.get("goal_lane"),
+        "goal.lane": nested.get("lane") if isinstance(nested, dict) else None,
+    }
+    for key, goal in goals.items():
+        if is_whole(goal) and not 1 <= goal <= count:
+            yield Problem(f"{path}.{key}", f"must be 1..{count}, got {goal}")
     forbidden = section.get("forbidden_lanes")
     if isinstance(forbidden, list):
         for index, lane in enumerate(forbidden):

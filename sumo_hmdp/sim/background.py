@@ -261,13 +261,16 @@ class Background:
         return ends, bias
 
     def _give_up(self, row: int, lane: int, end: float) -> None:
-        """Let a vehicle that cannot reach its lane any more go where the lane that it is in leads to."""
-        served = None if self._exits[row] is not None else self._routes.turn_of(end, lane)
-        if served == self._exits[row] or self._routes.lane_ends(served, self._x[[row]])[0, lane - 1] <= end:
-            return
-        number = self._network.place(float(self._x[row]), lane).number
-        self._sumo.vehicle.setRoute(self._spawns[row].id, list(self._routes.edges(number, served)))
-        self._exits[row] = served
+        """Let a vehicle that cannot reach its lane any more go where the lane that it is in leads to.
+
+        That is along the road if the lane goes on, else by the turn that it serves; it may not stand there for good.
+        """
+        for way in (None, self._routes.turn_of(end, lane)):
+            if way != self._exits[row] and self._routes.lane_ends(way, self._x[[row]])[0, lane - 1] > end:
+                number = self._network.place(float(self._x[row]), lane).number
+                self._sumo.vehicle.setRoute(self._spawns[row].id, list(self._routes.edges(number, way)))
+                self._exits[row] = way
+                return
 
     def _vehicles(self, rows: IntArray, changing: NDArray[np.bool_], others: Sequence[VehicleState]) -> Vehicles:
         """Return the background in some rows, then the others, as drivers see them."""

@@ -27,7 +27,7 @@ from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
 from sumo_hmdp.sim.network import Network, read_network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
-from sumo_hmdp.sim.sumo_input import EGO_CLASS, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, SPEED_FACTOR, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
@@ -100,7 +100,7 @@ class LibsumoWorld:
         """
         with ExitStack() as stack:
             everybody = (*self._spawns.values(), *self._crowd)
-            stack.enter_context(_simulation(self.settings, self._ego, everybody))
+            stack.enter_context(_simulation(self.settings, self._network, self._ego, everybody))
             self._start()
             self._resources = stack.pop_all()
         return self
@@ -172,6 +172,7 @@ class LibsumoWorld:
         self._insert_due(ego or self._ego)
         if self._background is not None:
             self._background.change_lanes(self.step, (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road))
+        self._slow_to_desired()
         lights = _lights(self._network)
         _simulate(self.time)
         for vehicle in moved:
@@ -265,6 +266,13 @@ class LibsumoWorld:
         for name, lane in self._network.lane_of.items():
             if lane in driver.forbidden_lanes:
                 libsumo.lane.setDisallowed(name, [EGO_CLASS])
+
+    def _slow_to_desired(self) -> None:
+        """Lower the top speed of an ego that SUMO drives and that has started faster than it wants to be."""
+        driver = self.settings.ego_driver
+        if driver is not None and self._ego.speed > driver.desired_speed:
+            top_speed = max(driver.desired_speed, self._ego.speed - driver.decel * self.settings.dt)
+            libsumo.vehicle.setMaxSpeed(EGO_ID, top_speed)
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
@@ -380,7 +388,7 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
     def add(spawn: Spawn) -> None:
         _insert(routes, spawn, spawn.id, spawn.lane, spawn.driver)
 
-    with _simulation(settings, None, spawns):
+    with _simulation(settings, network, None, spawns):
         for step in range(steps + 1):
             time = step * settings.dt
             background.enter(time, add)
@@ -396,7 +404,9 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
 
 
 @contextmanager
-def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others: Iterable[Spawn]) -> Iterator[None]:
+def _simulation(
+    settings: checks.WorldSettings, network: Network, ego: VehicleState | None, others: Iterable[Spawn]
+) -> Iterator[None]:
     """Start SUMO with the vehicle types of a run and an empty road, and end it whatever happens."""
     if not _IN_WINDOW and libsumo.isLoaded():
         raise SimulationError("a process must have one world open at a time, got two. Close the first.")
@@ -418,9 +428,17 @@ def _simulation(settings: checks.WorldSettings, ego: VehicleState | None, others
                 libsumo.start(command)
             except _SUMO_ERRORS as error:
                 raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
+            _limit_turns(network)
             yield
         finally:
             _close()
+
+
+def _limit_turns(network: Network) -> None:
+    """Hold turning vehicles to what a turn allows: a driver may be faster than a road's limit, but not there."""
+    for lane in libsumo.lane.getIDList():
+        if lane.startswith(":") and lane not in network.lane_of:
+            libsumo.lane.setMaxSpeed(lane, libsumo.lane.getMaxSpeed(lane) / SPEED_FACTOR)
 
 
 def _lights(network: Network) -> dict[str, str]:

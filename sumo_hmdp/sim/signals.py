@@ -53,7 +53,7 @@ def closed_lines(
     A line at amber, or before a blocked exit, is closed where the ego can stop before it as traffic engineers assume,
     or was told before. So who has been told to stop is not let through because it has come near in the meantime.
     Lanes that do not lead along the road are closed where they end; to an ego that is not in one of them, from where it
-    is, so that it does not enter a lane that it would have to leave.
+    is, so that it does not enter a lane that it would have to leave. So are lanes that do not exist where it is.
 
     Args:
         routes: of the network.
@@ -64,6 +64,10 @@ def closed_lines(
     """
     signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
     closed: dict[float, set[int]] = {}
+    for index in np.flatnonzero(~routes.network.lane_exists([ego.x])[0]).tolist():
+        # Whose body still is over a lane that it has left in time may go on.
+        if not _in_lane(routes.network.road, ego, index + 1):
+            closed.setdefault(ego.x, set()).add(index + 1)
     for index, end in enumerate(routes.lane_ends(None, np.array([ego.x]))[0].tolist()):
         if not ego.x < end <= ego.x + _ROUTE_SIGHT:
             continue

@@ -10,6 +10,8 @@ from sumo_hmdp.traffic.spawn import IDM_KINDS, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].
 _UNLIMITED = 1000.0
+# Drivers differ in the speed they want; it may be above a road's limit, and so many times above it.
+SPEED_FACTOR = 10.0
 # A class of its own can be kept out of a lane that the traffic uses.
 EGO_CLASS = "custom1"
 
@@ -30,7 +32,8 @@ def vehicle_types(
     if ego is not None:
         element = _add_type(root, ego.id, ego.length, ego.width)
         if ego_driver is not None:
-            element.attrib |= _idm(ego_driver, ego_driver.desired_speed, dt) | _lane_changes(ego_driver)
+            top_speed = max(ego_driver.desired_speed, ego.speed)
+            element.attrib |= _idm(ego_driver, top_speed, dt) | _lane_changes(ego_driver)
     for spawn in others:
         element = _add_type(root, spawn.id, spawn.length, spawn.width)
         if spawn.driver in IDM_KINDS:
@@ -72,8 +75,7 @@ def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) ->
         width=repr(float(width)),
         minGap="0",
         speedDev="0",
-        # Drivers differ in the speed they want; it may be above a road's limit.
-        speedFactor="10",
+        speedFactor=repr(SPEED_FACTOR),
         maxSpeed=repr(_UNLIMITED),
         # Without it SUMO brakes whoever drives in a lane to the right of a slower vehicle.
         lcOvertakeRight="1",

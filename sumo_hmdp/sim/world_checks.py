@@ -55,7 +55,8 @@ def world_problems(settings: WorldSettings, ego: VehicleState, others: Sequence[
     if ego.id != EGO_ID:
         problems.append(Problem("ego.id", f"id must be {EGO_ID!r}, got {ego.id!r}."))
     driver = settings.ego_driver
-    if driver is not None and not driver.desired_speed >= ego.speed:
+    # In traffic the ego takes over the speed of somebody who may want to be faster, and slows down to its own.
+    if driver is not None and settings.background is None and not driver.desired_speed >= ego.speed:
         message = (
             f"desired_speed must be at least the speed {ego.speed} m/s at which the ego starts, got "
             f"{driver.desired_speed} m/s; SUMO would brake it as in an emergency. Raise it."

@@ -14,10 +14,12 @@ from sumo_hmdp.errors import InputError, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.scenario.packaged import data_folder
+from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.study.run import execute
+from sumo_hmdp.traffic.mobil import LaneChangeRule
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 
 DT = 0.15
@@ -52,9 +54,12 @@ def of(record, vehicle_id):
     return record.steps[record.steps["vehicle_id"] == vehicle_id].set_index("time_s")
 
 
+def settings(driver):
+    return WorldSettings(data_folder("networks") / "highway_3x4m.net.xml", ROAD, DT, 0, driver)
+
+
 def world(driver, others=(), ego=EGO):
-    network = data_folder("networks") / "highway_3x4m.net.xml"
-    return LibsumoWorld(WorldSettings(network, ROAD, DT, 0, driver), ego, tuple(others))
+    return LibsumoWorld(settings(driver), ego, tuple(others))
 
 
 def drive(driver, others=(), duration=45.0, ego=EGO):
@@ -147,6 +152,19 @@ def test_an_ego_faster_than_it_desires_is_a_mistake(load_changed):
     assert "planners.sumo.desired_speed_mps: must be at least the speed 30.0 m/s" in str(caught.value)
     with pytest.raises(InputError, match=r"planners.sumo.forbidden_lanes\[0\]"):
         load_changed({"forbidden_lanes": [4]})
+
+
+def test_in_traffic_an_ego_faster_than_it_desires_slows_down_comfortably():
+    driver = SumoDriver(4.0, desired_speed=26.0)
+    among = replace(settings(driver), background=BackgroundSettings(LaneChangeRule()))
+    speeds = [EGO.speed]
+    with LibsumoWorld(among, EGO, ()) as ride:
+        for _ in range(30):
+            ride.advance(None, {})
+            speeds.append(ride.ego().speed)
+    drops = -np.diff(speeds) / DT
+    assert drops.max() == pytest.approx(driver.decel)
+    assert speeds[-1] == pytest.approx(26.0)
 
 
 @pytest.mark.parametrize(

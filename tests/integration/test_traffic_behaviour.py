@@ -3,6 +3,7 @@
 import importlib.util
 import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -227,14 +228,14 @@ def test_who_changes_is_seen_in_the_new_lane_from_the_first_step_and_in_the_old_
 
 
 RAMPS = replace(run.settings(), net_file=run.ROOT / "networks" / "highway_ramps.net.xml", road=Road(4, 4.0))
+TOWN = replace(run.settings(), net_file=run.ROOT / "networks" / "urban.net.xml")
 
 
-def ramp_drive(spawns, steps):
+def ramp_drive(spawns, steps, settings=RAMPS, ego=replace(ALONE, y=2.0)):  # noqa: B008 (frozen)
     """Return every vehicle's (SUMO's edge, state) at all instants, None for a state beside the road."""
     seen = {}
     vehicle = libsumo_world.libsumo.vehicle
-    ego = replace(ALONE, y=2.0)
-    with LibsumoWorld(replace(RAMPS, sight=1e5), ego, tuple(spawns)) as world:
+    with LibsumoWorld(replace(settings, sight=1e5), ego, tuple(spawns)) as world:
         for _ in range(steps):
             ego = replace(ego, x=ego.x + ego.speed * DT)
             world.advance(ego, {})
@@ -262,6 +263,37 @@ def test_who_comes_too_late_for_the_exit_drives_on():
     late = Spawn("bg-a", 1, 4000.0, 28.0, DriverKind.BACKGROUND, desired_speed=30.0, exit="off_ramp")
     roads = [road for road, _ in ramp_drive((late,), 60)["bg-a"]]
     assert list(dict.fromkeys(roads)) == ["exit", "after_exit"]
+
+
+def driver(name, lane, x, speed, exit_name):
+    return Spawn(name, lane, x, speed, DriverKind.BACKGROUND, desired_speed=speed, exit=exit_name)
+
+
+@pytest.mark.parametrize(
+    ("lane", "wanted", "taken"), [(1, "south_4_out", "north_4_out"), (3, "north_4_out", "south_4_out")]
+)
+def test_who_comes_too_late_for_a_turn_takes_the_one_that_its_lane_serves(lane, wanted, taken):
+    # At the last signal neither lane goes on; it is green until 23 s. Who waited for its own turn would never leave.
+    late, beside = driver("bg-a", lane, 1570.0, 13.0, wanted), driver("bg-b", 2, 1571.0, 13.0, None)
+    roads = [road for road, _ in ramp_drive((late, beside), 60, TOWN, replace(ALONE, x=-250.0))["bg-a"]]
+    assert list(dict.fromkeys(road for road in roads if not road.startswith(":"))) == ["arterial_4", taken]
+
+
+@pytest.mark.parametrize(("lane", "exit_name", "most"), [(1, "north_4_out", 9.01), (3, "south_4_out", 8.16)])
+def test_who_turns_keeps_to_the_speed_of_the_turn(lane, exit_name, most):
+    fast = driver("bg-a", lane, 1500.0, 15.0, exit_name)
+    vehicle, ego, speeds = libsumo_world.libsumo.vehicle, replace(ALONE, x=-250.0), []
+    with LibsumoWorld(TOWN, ego, (fast,)) as world:
+        for _ in range(60):
+            ego = replace(ego, x=ego.x + ego.speed * DT)
+            world.advance(ego, {})
+            speeds.append((vehicle.getRoadID("bg-a"), vehicle.getSpeed("bg-a")))
+    assert max(speed for road, speed in speeds if road == "arterial_4") > 14.5
+    turn = [speed for road, speed in speeds if road.startswith(":")]
+    assert len(turn) > 5
+    assert max(turn) <= most + 0.01
+    # It brakes for the turn as for anything else: no harder than comfortably, and a little.
+    assert max(before - after for (_, before), (_, after) in pairwise(speeds)) / DT < 3.0
 
 
 def test_who_comes_by_the_on_ramp_merges_before_its_lane_ends():

@@ -10,7 +10,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.planning.baselines import ConstantPlanner, IdmMobilFile, IdmMobilPlanner, LaneChangeMemory
 from sumo_hmdp.planning.idm import Idm
-from sumo_hmdp.planning.mobil import Mobil
+from sumo_hmdp.planning.mobil import Goal, Mobil
 
 ROAD = Road(lane_count=3, lane_width=4.0)
 DT = 0.15
@@ -87,8 +87,19 @@ def test_every_key_reaches_its_model():
     keys = {
         "desired_speed_mps": 1.0, "min_gap_m": 2.1, "time_gap_s": 3.0, "accel_mps2": 4.1, "decel_mps2": 5.0,
         "exponent": 6.1, "decel_max_mps2": 7.0, "politeness": 8.0, "threshold_mps2": 9.0, "safe_decel_mps2": 10.0,
-        "leader_range_m": 11.0, "forbidden_lanes": [3],
+        "leader_range_m": 11.0, "forbidden_lanes": [3], "occupancy": "swept",
+        "goal": {"lane": 2, "x_m": 12.0, "bias_mps2": 13.0, "time_s": 14.0},
     }  # fmt: skip
     file = IdmMobilFile(**keys)
     assert file.idm() == Idm(1.0, 2.1, 3.0, 4.1, 5.0, 6.1, 7.0)
-    assert file.mobil() == Mobil(8.0, 9.0, 10.0, 11.0, frozenset({3}))
+    goal = Goal(lane=2, x=12.0, distance=14.0, bias=13.0)  # 14 s at 1 m/s
+    assert file.mobil() == Mobil(8.0, 9.0, 10.0, 11.0, frozenset({3}), goal, swept=True)
+
+
+def test_swept_it_keeps_behind_the_leader_of_the_lane_that_its_body_is_over():
+    # In the change from lane 2 to lane 1 its body of 1.8 m leaves lane 2 at y = 2.9 m.
+    for y, swept, expected in ((2.8, True, -5.0), (2.9, True, 0.0), (2.8, False, 0.0)):
+        planner = replace(PLANNER, mobil=Mobil(swept=swept))
+        now = scene(1, 1, SLOW)
+        decision, _ = planner.decide(replace(now, ego=replace(now.ego, y=y)), LaneChangeMemory(free_from=57))
+        assert (decision.command.lane, decision.command.accel) == (1, expected)

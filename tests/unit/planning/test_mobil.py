@@ -13,9 +13,9 @@ import pytest
 
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.planning.idm import Idm
-from sumo_hmdp.planning.mobil import Mobil, neighbours
+from sumo_hmdp.planning.mobil import Goal, Mobil, leader_in_lane, neighbours
 
 ROAD = Road(lane_count=3, lane_width=4.0)
 IDM = Idm(accel=2.0, decel=2.0, exponent=1.0, time_gap=1.2)
@@ -121,3 +121,61 @@ def test_vehicles_in_a_lane_change_count_in_their_target_lane():
     now = Scene(0.0, ROAD, ego, (leaving, beside))
     assert neighbours(now, ego, 2) == (None, None)
     assert neighbours(now, ego, 1) == (leaving, beside)
+
+
+# Extensions of the published rules. At x = 0 half of the way to 200 m is left, so the pull is 2 * 0.5 = 1 m/s2.
+GOAL = Goal(lane=1, x=100.0, distance=200.0, bias=2.0)
+
+
+def test_a_goal_adds_to_the_incentive_as_its_lane_comes_nearer():
+    assert [GOAL.pull(vehicle("ego", x, 2), 1) for x in (-150.0, -100.0, 0.0, 50.0, 100.0, 100.1)] == [
+        0,
+        0,
+        1,
+        1.5,
+        2,
+        0,
+    ]
+    assert GOAL.pull(vehicle("ego", 0.0, 2), 3) == -1.0
+    now = scene(ahead(40.0))
+    assert incentive(now, 1, goal=GOAL) == pytest.approx(1.5)  # 1.0 - 0.5 + 1
+    assert incentive(now, 3, goal=GOAL) == pytest.approx(-0.5)
+    assert incentive(scene(ahead(40.0), ego_lane=2), 1) == pytest.approx(0.5)
+
+
+def test_a_goal_needs_no_slow_leader_but_safe_followers():
+    assert choose(scene(), goal=GOAL) is Lateral.LEFT
+    assert choose(scene(ego_lane=1), goal=GOAL) is Lateral.KEEP
+    assert choose(scene(follower(40.0 / 3.0, lane=1)), goal=GOAL) is Lateral.KEEP
+    # Worth 1 m/s2, it may cost as much: behind ahead1 the ego would fall from 1.0 to 0.5, and gains 0.5.
+    assert choose(scene(ahead(40.0, lane=1)), goal=GOAL) is Lateral.LEFT
+    assert choose(scene(ahead(20.0, lane=1)), goal=GOAL) is Lateral.KEEP  # from 1.0 to -1.0
+
+
+def test_swept_a_change_needs_room_for_the_body():
+    # Published: politeness for the follower here, from -3.5 to 0.5, outweighs the ego's own brake of 3.5 m/s2.
+    now = scene(ahead(13.34, lane=1), ahead(13.34), follower(40.0 / 3.0, lane=2))
+    assert incentive(now, 1, politeness=1.0, safe_decel=9.0) is not None
+    assert incentive(now, 1, politeness=1.0, safe_decel=9.0, swept=True) is not None
+    hard = scene(ahead(13.0, lane=1), ahead(40.0))
+    assert incentive(hard, 1) is not None
+    assert incentive(hard, 1, swept=True) is None  # 2 (0.5 - (20 / 13)^2) = -3.7 < -3
+    # Who brakes as hard already may go.
+    assert incentive(scene(ahead(13.0, lane=1), ahead(12.0)), 1, swept=True) is not None
+    beside = scene(ahead(40.0), vehicle("beside", 1.0, 1), ego_lane=2)
+    assert incentive(beside, 1, swept=True, safe_decel=9.0) is None
+    slow = replace(now, ego=replace(now.ego, speed=2.9))
+    assert Mobil(swept=True, safe_decel=9.0).incentive(slow, slow.ego, 1, IDM) is None
+
+
+def test_swept_a_closed_lane_is_none():
+    closed = replace(scene(ahead(10.0)), stop_lines=(StopLine(frozenset({1, 3}), 0.0),))
+    assert choose(closed, swept=True, goal=GOAL) is Lateral.KEEP
+
+
+def test_the_leader_of_a_lane_that_is_being_left():
+    leaving = replace(vehicle("leaving", 20.0, 1), y=ROAD.center_y(2))
+    now = Scene(0.0, ROAD, vehicle("ego", 0.0, 2), (leaving, vehicle("far", 50.0, 2)))
+    assert leader_in_lane(now, now.ego, 2) == leaving
+    assert leader_in_lane(now, now.ego, 1) == leaving
+    assert leader_in_lane(now, now.ego, 3) is None

@@ -108,7 +108,8 @@ def test_a_lane_that_ends_without_a_signal_is_closed_too():
     ego = replace(EGO, x=1560.0, y=-2.0, lane=3)
     assert closed_lines(routes, {}, ego, ()) == (StopLine(frozenset({4}), 1560.0),)
     assert closed_lines(routes, {}, replace(ego, lane=4, y=-6.0), ()) == (StopLine(frozenset({4}), 1799.0),)
-    assert closed_lines(routes, {}, replace(ego, x=1900.0), ()) == ()
+    # And nobody may enter it where it does not exist.
+    assert closed_lines(routes, {}, replace(ego, x=1900.0), ()) == (StopLine(frozenset({4}), 1900.0),)
 
 
 @pytest.mark.parametrize(
@@ -137,3 +138,12 @@ def test_passing_at_red(routes, letter, before, after, lane, red):
 def test_standing_inside_a_junction(routes, front, speed, stands):
     now = replace(EGO, x=front, speed=speed)
     assert breaches(routes, lights(routes, "G"), now, now, 2) == Breaches(junction_stop=stands)
+
+
+def test_a_lane_that_is_not_there_is_not_entered(routes):
+    # Inside the last junction there is lane 2 alone.
+    inside = replace(EGO, x=1610.0)
+    assert closed_lines(routes, lights(routes, "G"), inside, ()) == (StopLine(frozenset({1, 3}), 1610.0),)
+    # Whose body still is over a lane that it has left may go on: up to y = 1.1 m it is over lane 2 alone.
+    assert closed_lines(routes, lights(routes, "G"), replace(inside, y=1.2), ()) == (StopLine(frozenset({3}), 1610.0),)
+    assert closed_lines(routes, lights(routes, "G"), replace(inside, x=1630.0), ()) == ()

@@ -294,3 +294,23 @@ def test_the_reliability_study_has_18_settings_that_differ(tmp_path):
             assert astuple(getattr(ours, name)) == pytest.approx(astuple(getattr(theirs, name)), abs=1e-3)
         same = {name: getattr(theirs, name) for name in ("share", "desired_speed", "time_gap", "politeness")}
         assert replace(ours, **same) == theirs
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "seeds"),
+    [
+        ("highway_planners", (3, 3, 3), 100),
+        ("highway_ramps_planners", (3, 3, 3), 100),
+        ("urban_planners", (3, 3, 3), 100),
+        # `hmdp_mpc` alone has an occupancy there.
+        ("matched_planners", (6, 3, 3), 100),
+        ("urban_route", (1, 1, 1), 50),
+    ],
+)
+def test_the_studies_of_three_planners(name, cells, seeds):
+    design = load_design(find_study(name))
+    drivers = [cell.ready.planner_name for cell in design.cells]
+    assert (design.file.name, len(design.seeds)) == (name, seeds)
+    assert tuple(map(drivers.count, ("hmdp_mpc", "idm_mobil", "sumo"))) == cells
+    assert len(drivers) == sum(cells)
+    assert {cell.ready.solver for cell in design.cells} == {"search"}
