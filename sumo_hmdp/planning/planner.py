@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import ManeuverState
+from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PredictedBranch
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
@@ -18,7 +19,6 @@ from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
-from sumo_hmdp.planning.occupancy import body_lanes
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
 
