@@ -7,8 +7,9 @@ import pandas as pd
 from scipy.special import ndtri
 
 from sumo_hmdp.domain.scene import EGO_ID
-from sumo_hmdp.metrics.decision_tables import branch_table, instant, realised_branches
-from sumo_hmdp.metrics.risk_audit import KEEPING, AuditSettings, Claim
+from sumo_hmdp.metrics.decision_tables import branch_table, instant, realised_branches, with_intents
+from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim
+from sumo_hmdp.metrics.risk_audit import KEEPING
 
 # A plan accepts that a vehicle leaves its branch's interval at the risk level; far beyond it the prediction was wrong.
 INTERVAL_LEVEL = 0.999
@@ -82,7 +83,7 @@ def blame_violations(
     claim: Claim = Claim.PLANNED,
     tracking_tolerance: float = 0.5,
 ) -> pd.DataFrame:
-    """Say why the violated steps of one run were violated, each by its nearest vehicle.
+    """Say why the violated steps of one run were violated, each by the vehicle that was nearest to what was asked for.
 
     Args:
         audited: as `audit_run` returns it for the same claim.
@@ -96,7 +97,8 @@ def blame_violations(
         The violated rows of `audited` with `in_interval`, `kept` (missing for a vehicle that was not predicted),
         `tracking_error_m` and `blame`.
     """
-    hits = prediction_hits(decisions, steps, settings.period).astype({"in_interval": "boolean", "kept": "boolean"})
+    seen = with_intents(steps, settings.road, settings.told)
+    hits = prediction_hits(decisions, seen, settings.period).astype({"in_interval": "boolean", "kept": "boolean"})
     found = audited[audited["violated"]].merge(hits, on=["decision_index", "vehicle_id", "horizon_step"], how="left")
     errors = tracking_errors(audited, steps, settings.period)
     found["tracking_error_m"] = found["decision_index"].map(errors).astype("float64")

@@ -185,6 +185,7 @@ def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: f
         solve_time=result.solve_time,
         pruned_prob=float(result.branches.pruned.max(initial=0.0)),
         branch_count=len(result.branches.vehicle),
+        vehicles=tuple(vehicle.state.id for vehicle in problem.vehicles),
         stage_cost=checked.stage_cost,
         objective_bound=checked.objective_bound,
         shifted_feasible=checked.shifted_feasible,

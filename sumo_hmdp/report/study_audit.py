@@ -7,7 +7,8 @@ import pandas as pd
 
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, audit_settings, violation_rates
+from sumo_hmdp.metrics.planned_distances import audit_settings
+from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, violation_rates
 from sumo_hmdp.report.study_data import StudyData
 from sumo_hmdp.report.study_table import StudyTable, each, interval, listed, number
 
