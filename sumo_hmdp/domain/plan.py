@@ -152,7 +152,7 @@ class Evidence(Protocol):
     """What a decision rests on. It takes longer to write down than to decide, so few runs ask for it."""
 
     def branches(self) -> tuple[PredictedBranch, ...]:
-        """Return the likeliest predicted branches."""
+        """Return predicted branches: of each sequence of lanes the likeliest, then the likeliest of the others."""
         ...
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:

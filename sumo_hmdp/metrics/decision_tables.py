@@ -85,19 +85,21 @@ def realised_branches(decisions: pd.DataFrame, steps: pd.DataFrame, period: floa
 
     Returns:
         `branch_table` with `x_m`, `y_m`, `intended_lane` and `mode` as they were; `same`, whether the vehicle has
-        intended the branch's lanes and modes (where its modes are known) at all steps so far.
+        intended the branch's lanes and modes (where its modes are known) at all steps so far; `same_lanes`, likewise of
+        the lanes alone.
     """
     branches = branch_table(decisions)
     branches["instant"] = instant(branches["time_s"] + branches["horizon_step"] * period)
     seen = steps[["vehicle_id", "x_m", "y_m", "intended_lane", "mode"]].assign(instant=instant(steps["time_s"]))
     both = branches.merge(seen, on=["vehicle_id", "instant"])
     both = both.sort_values(["decision_index", "branch_index", "horizon_step"], ignore_index=True)
-    mode = (both["branch_mode"] == both["mode"]) | (both["mode"] == "")
-    now = (both["branch_lane"] == both["intended_lane"]) & mode
-    both["same"] = now.groupby([both["decision_index"], both["branch_index"]]).cummin().astype(bool)
+    branch = [both["decision_index"], both["branch_index"]]
     # A vehicle that is lost for an instant has no known sequence from there on.
-    place = both.groupby(["decision_index", "branch_index"]).cumcount() + 1
-    both["same"] &= np.asarray(place == both["horizon_step"])
+    seen_so_far = both.groupby(["decision_index", "branch_index"]).cumcount() + 1 == both["horizon_step"]
+    lanes = (both["branch_lane"] == both["intended_lane"]) & seen_so_far
+    mode = (both["branch_mode"] == both["mode"]) | (both["mode"] == "")
+    both["same_lanes"] = lanes.groupby(branch).cummin().astype(bool)
+    both["same"] = (lanes & mode).groupby(branch).cummin().astype(bool)
     return both
 
 

@@ -254,11 +254,14 @@ def test_a_study_is_audited_run_by_run():
         (("car", [2, 1], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 5, Blame.UNKNOWN),
         (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.UNSEEN),
         (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "relaxed", "planned", 1, Blame.PLANNER),
+        (None, "optimal", "planned", 3, Blame.UNKNOWN),
+        (None, "optimal", "planned", 0, Blame.UNSEEN),
     ],
 )
 def test_blame_by_hand(branch, status, claim, count, expected):
+    branches = [] if branch is None else [branch]
     decisions = pd.DataFrame(
-        [decision(0, 0.0, [(1, 90.0), (2, 100.0)], status=status, branches=[branch], branch_count=count)]
+        [decision(0, 0.0, [(1, 90.0), (2, 100.0)], status=status, branches=branches, branch_count=count)]
     )
     steps = trace((0.6, "ego", 90.2, 1), (0.6, "car", 109.0, 2), (1.2, "ego", 105.0, 2), (1.2, "car", 117.0, 2))
     audited = audit_run(decisions, steps, SETTINGS, Claim(claim))
@@ -401,3 +404,17 @@ def test_the_lane_change_time_is_the_egos_unless_the_planner_has_its_own():
     own = {**configuration, "planners": {"p": {"lane_change_time_s": 3.0}}, "traffic": {}}
     found = audit_settings({**manifest, "configuration": own})
     assert (found.lane_change_time, found.told) == (3.0, frozenset())
+
+
+def test_lanes_that_nobody_thought_of_are_told_from_branches_that_were_left_out():
+    """Two branches with the same lanes are shown, so all sequences of lanes are; the car went to another lane."""
+    stay = [("car", [2, 2], ["cruise", mode], [110.0, 120.0], [1.0, 2.0]) for mode in ("cruise", "decelerate")]
+    decisions = pd.DataFrame([decision(0, 0.0, [(1, 60.0), (1, 100.0)], branches=stay, branch_count=9)])
+    steps = trace((0.6, "ego", 90.0, 1), (0.6, "car", 109.0, 2), (1.2, "ego", 105.0, 1), (1.2, "car", 117.0, 1))
+    found = blame_violations(audit_run(decisions, steps, SETTINGS), decisions, steps, SETTINGS)
+    assert found["blame"].tolist() == ["pruning"]
+    # A mode that is not shown may be among those that were left out.
+    braking = steps.assign(mode=["cruise", "accelerate"] * 2, lane=[1, 2, 2, 2], intended_lane=[1, 2, 2, 2])
+    there = pd.DataFrame([decision(0, 0.0, [(1, 60.0), (2, 100.0)], branches=stay, branch_count=9)])
+    found = blame_violations(audit_run(there, braking, SETTINGS), there, braking, SETTINGS)
+    assert found["blame"].tolist() == ["unknown"]
