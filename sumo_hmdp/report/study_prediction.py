@@ -16,6 +16,7 @@ from sumo_hmdp.metrics.calibration import (
     position_nees,
 )
 from sumo_hmdp.metrics.decision_tables import realised_branches, with_intents
+from sumo_hmdp.report.case_road import GREY
 from sumo_hmdp.report.study_canvas import INK, StudyFigure, look, panels
 from sumo_hmdp.report.study_table import StudyTable, each, interval, number
 from sumo_hmdp.report.study_traces import TracedCell
@@ -24,6 +25,8 @@ from sumo_hmdp.report.study_traces import TracedCell
 OPENED = 200
 # Cells in the figure; the tables have all.
 DRAWN = 4
+# How the 50, 90 and 95 % intervals are drawn.
+_STYLES = (":", "--", "-")
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ def prediction_figure(found: Prediction) -> StudyFigure:
             )  # fmt: skip
         left.set_ylim(0, 105)
         left.set_xlabel("horizon step")
+        left.legend(loc="lower left", frameon=False, handlelength=3)
         left.set_ylabel("places inside [%]")
         right.plot([0, 1], [0, 1], color=INK, lw=0.8, ls=(0, (4, 2)))
         right.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), xlabel="predicted probability of a lane")
@@ -172,14 +176,16 @@ def prediction_figure(found: Prediction) -> StudyFigure:
         for row in each(at95.head(40))
     )
     more = f" The first {DRAWN} cells; the tables have all." if len(labels) > DRAWN else ""
-    key = (
-        f"Left: coverage of the 50, 90 and 95 % intervals, dashed: as it should be. Right: on the line is right.{more}"
-    )
+    key = f"Left: coverage of the 50, 90 and 95 % intervals, grey: as it should be. Right: on the line is right.{more}"
     return StudyFigure("prediction", title, key, f"Coverage of the 95 % intervals. {told}.", draw)
 
 
 def _coverage(axes: Axes, coverage: pd.DataFrame, place: int) -> None:
     color, marker = look(place)
-    for level, part in coverage.groupby("level"):
-        axes.axhline(100 * float(str(level)), color=INK, lw=0.8, ls=(0, (4, 2)))
-        axes.plot(part["horizon_step"], 100 * part["coverage_share"], color=color, marker=marker, markersize=4, lw=0.9)
+    for (level, part), style in zip(coverage.groupby("level"), _STYLES, strict=True):
+        told = 100 * float(str(level))
+        if not place:
+            axes.axhline(told, color=GREY, lw=0.8, ls=style)
+            axes.plot([], [], color=INK, lw=0.9, ls=style, label=f"{told:g} % interval")
+        share = 100 * part["coverage_share"]
+        axes.plot(part["horizon_step"], share, color=color, marker=marker, markersize=4, lw=0.9, ls=style)
