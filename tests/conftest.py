@@ -54,9 +54,10 @@ def decision_rows(cell, run_id, seed):
         {
             "run_id": run_id, "decision_index": index, "time_s": 0.8 * index,
             "status": "rule" if risk_level is None else "fallback" if index == 3 else "optimal",
-            "lane": 2, "solve_time_ms": 10.0 * (index + 1), "branch_count": 0 if risk_level is None else 2,
-            "plan_json": json.dumps([] if risk_level is None or index == 3 else plan), "branches_json": "[]",
-            "forbidden_json": "[]",
+            "lane": 2, "ego_y_m": 0.0, "solve_time_ms": 10.0 * (index + 1), "forbidden_json": "[]",
+            "branch_count": 0 if risk_level is None else 2,
+            "plan_json": json.dumps([] if risk_level is None or index == 3 else plan),
+            "vehicles_json": '["v1"]', "branches_json": "[]",
         }
         for index in range(4)
     ]  # fmt: skip
@@ -71,6 +72,7 @@ def step_rows(cell, run_id, seed):
     rows = [
         {
             "run_id": run_id, "step": index, "time_s": 0.8 * index, "vehicle_id": name, "lane": 2, "intended_lane": 2,
+            "y_m": 0.0, "speed_mps": 20.0, "length_m": 4.5, "width_m": 1.8, "mode": "cruise",
             "x_m": 100.0 if name == "ego" else 100.0 + (SAFE_DISTANCE - 1 if broken and index == 1 else 30.0),
         }
         for index in range(4)

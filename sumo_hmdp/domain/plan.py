@@ -119,6 +119,7 @@ class Decision:
         solve_time: wall-clock seconds spent [s], NaN where it is not known; never part of a trace hash.
         pruned_prob: the largest pruned probability of any vehicle.
         branch_count: how many branches were retained.
+        vehicles: ids of the vehicles that the plan keeps its distance to, None where that is not known.
         stage_cost: cost of the step now taken, None where there is none.
         objective_bound: what the stability theorem allows the objective to be at most, None where it says nothing.
         shifted_feasible: whether the plan before, shifted by a step, is still feasible; None where there is none.
@@ -139,6 +140,7 @@ class Decision:
     solve_time: float = 0.0
     pruned_prob: float = 0.0
     branch_count: int = 0
+    vehicles: tuple[str, ...] | None = None
     stage_cost: float | None = None
     objective_bound: float | None = None
     shifted_feasible: bool | None = None
@@ -150,7 +152,7 @@ class Evidence(Protocol):
     """What a decision rests on. It takes longer to write down than to decide, so few runs ask for it."""
 
     def branches(self) -> tuple[PredictedBranch, ...]:
-        """Return the likeliest predicted branches."""
+        """Return predicted branches: of each sequence of lanes the likeliest, then the likeliest of the others."""
         ...
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:

@@ -7,13 +7,15 @@ import pandas as pd
 from scipy.special import ndtri
 
 from sumo_hmdp.domain.scene import EGO_ID
-from sumo_hmdp.metrics.decision_tables import branch_table, instant, realised_branches
-from sumo_hmdp.metrics.risk_audit import KEEPING, AuditSettings, Claim
+from sumo_hmdp.metrics.decision_tables import branch_table, instant, realised_branches, with_intents
+from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim
+from sumo_hmdp.metrics.risk_audit import KEEPING
 
 # A plan accepts that a vehicle leaves its branch's interval at the risk level; far beyond it the prediction was wrong.
 INTERVAL_LEVEL = 0.999
 # Without noise a branch is met to rounding only [m].
 POSITION_SLACK = 1e-6
+_TRUTHS = ("in_interval", "kept", "lanes_kept")
 
 
 class Blame(StrEnum):
@@ -22,7 +24,7 @@ class Blame(StrEnum):
     PLANNER: the plan was relaxed or a fallback, and said so.
     TRACKING: the ego was not where the plan put it after its first step (only where the executed position is audited).
     UNSEEN: the vehicle was not among those predicted.
-    UNKNOWN: the vehicle did what no branch shown says, but not all branches were recorded.
+    UNKNOWN: the vehicle did what no branch shown says, but branches of its lanes or modes were not all recorded.
     PRUNING: the vehicle did what no retained branch says.
     PREDICTOR: the vehicle was outside the position intervals of all branches.
     CHANCE: none of these: the risk that the plan took.
@@ -50,13 +52,24 @@ def prediction_hits(
 
     Returns:
         decision_index, vehicle_id, horizon_step; in_interval: it was in the interval of x of some branch; kept: some
-        branch has the lanes and modes that it intended up to this step.
+        branch has the lanes and modes that it intended up to this step; lanes_kept: likewise of the lanes alone.
     """
     both = realised_branches(decisions, steps, period)
     reach = float(ndtri((1 + level) / 2)) * both["x_std_m"] + POSITION_SLACK
     both["in_interval"] = (both["x_m"] - both["branch_x_m"]).abs() <= reach
     keys = ["decision_index", "vehicle_id", "horizon_step"]
-    return both.groupby(keys, as_index=False).agg(in_interval=("in_interval", "any"), kept=("same", "any"))
+    return both.groupby(keys, as_index=False).agg(
+        in_interval=("in_interval", "any"), kept=("same", "any"), lanes_kept=("same_lanes", "any")
+    )
+
+
+def _lanes_shown(branches: pd.DataFrame) -> pd.Series:
+    """Tell by decision and vehicle whether all sequences of lanes that were retained are among the branches shown.
+
+    They are if two have the same lanes, since the likeliest of each sequence come first.
+    """
+    branch = branches.groupby(["decision_index", "vehicle_id", "branch_index"])["branch_lane"].agg(tuple)
+    return branch.groupby(["decision_index", "vehicle_id"]).agg(lambda lanes: lanes.nunique() < len(lanes))
 
 
 def tracking_errors(audited: pd.DataFrame, steps: pd.DataFrame, period: float) -> pd.Series:
@@ -82,7 +95,7 @@ def blame_violations(
     claim: Claim = Claim.PLANNED,
     tracking_tolerance: float = 0.5,
 ) -> pd.DataFrame:
-    """Say why the violated steps of one run were violated, each by its nearest vehicle.
+    """Say why the violated steps of one run were violated, each by the vehicle that was nearest to what was asked for.
 
     Args:
         audited: as `audit_run` returns it for the same claim.
@@ -93,21 +106,28 @@ def blame_violations(
         tracking_tolerance: how far the ego may be from its plan after the first step [m].
 
     Returns:
-        The violated rows of `audited` with `in_interval`, `kept` (missing for a vehicle that was not predicted),
-        `tracking_error_m` and `blame`.
+        The violated rows of `audited` with `in_interval`, `kept`, `lanes_kept` (missing for a vehicle that was not
+        predicted), `tracking_error_m` and `blame`.
     """
-    hits = prediction_hits(decisions, steps, settings.period).astype({"in_interval": "boolean", "kept": "boolean"})
+    seen = with_intents(steps, settings.road, settings.told)
+    hits = prediction_hits(decisions, seen, settings.period).astype(dict.fromkeys(_TRUTHS, "boolean"))
     found = audited[audited["violated"]].merge(hits, on=["decision_index", "vehicle_id", "horizon_step"], how="left")
     errors = tracking_errors(audited, steps, settings.period)
     found["tracking_error_m"] = found["decision_index"].map(errors).astype("float64")
-    shown = branch_table(decisions).groupby("decision_index")["branch_index"].nunique()
-    all_shown = decisions.set_index("decision_index")["branch_count"].eq(shown, fill_value=0)
-    in_interval, kept = found["in_interval"].fillna(value=False), found["kept"].fillna(value=False)
+    branches = branch_table(decisions)
+    shown = branches.groupby("decision_index")["branch_index"].nunique()
+    lanes_shown = set(_lanes_shown(branches).loc[lambda all_: all_.astype(bool)].index)
+    retained = decisions.set_index("decision_index")["branch_count"]
+    all_shown = retained.eq(shown, fill_value=0)
+    none_shown = (retained > 0) & ~retained.index.isin(shown.index)
+    in_interval, kept, lanes_kept = (found[name].fillna(value=False) for name in _TRUTHS)
+    pairs = zip(found["decision_index"].tolist(), found["vehicle_id"].tolist(), strict=True)
+    other_lanes = ~lanes_kept & np.array([pair in lanes_shown for pair in pairs], dtype=bool)
     causes = {
         Blame.PLANNER: ~found["status"].isin(KEEPING),
         Blame.TRACKING: (found["tracking_error_m"] > tracking_tolerance) & (claim is Claim.EXECUTED),
-        Blame.UNSEEN: found["kept"].isna(),
-        Blame.UNKNOWN: ~kept & ~found["decision_index"].map(all_shown).astype(bool),
+        Blame.UNSEEN: found["kept"].isna() & ~found["decision_index"].map(none_shown).astype(bool),
+        Blame.UNKNOWN: ~kept & ~other_lanes & ~found["decision_index"].map(all_shown).astype(bool),
         Blame.PRUNING: ~kept,
         Blame.PREDICTOR: ~in_interval,
     }

@@ -87,6 +87,34 @@ def lane_scores(realised: pd.DataFrame) -> pd.DataFrame:
     )
 
 
+def lane_reliability(
+    realised: pd.DataFrame,
+    edges: Sequence[float] = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0),
+    confidence: float = 0.95,
+) -> pd.DataFrame:
+    """Return how often a lane was taken that had been given a probability, by bins of that probability.
+
+    Args:
+        realised: predictions beside what happened.
+        edges: of the bins, rising from 0 to 1; a bin has its upper edge.
+        confidence: of the exact intervals of the shares.
+
+    Returns:
+        One row per bin that was used, over all horizon steps: low_probability, high_probability, probability_mean,
+        hit_count, trial_count, taken_share, low_share, high_share.
+    """
+    lanes = realised.assign(weight=_weights(realised), taken=realised["branch_lane"] == realised["intended_lane"])
+    trials = lanes.groupby([*KEYS, "branch_lane"], as_index=False).agg(p=("weight", "sum"), taken=("taken", "first"))
+    trials["bin"] = np.clip(np.searchsorted(edges, trials["p"] - 1e-12), 1, len(edges) - 1)
+    rows = []
+    for bin_, part in trials.groupby("bin"):
+        found = rate(int(part["taken"].sum()), len(part), confidence)
+        ends = edges[int(str(bin_)) - 1], edges[int(str(bin_))]
+        rows.append((*ends, part["p"].mean(), found.hits, found.trials, found.value, found.low, found.high))
+    names = ["low_probability", "high_probability", "probability_mean", "hit_count", "trial_count", "taken_share"]
+    return pd.DataFrame(rows, columns=[*names, "low_share", "high_share"])
+
+
 def position_nees(realised: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
     """Return the normalised squared error of the branch that came true: 2 on average where its spread is right.
 

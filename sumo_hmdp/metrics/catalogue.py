@@ -27,6 +27,20 @@ A value that is not defined is missing. `inf` stands only where it is said, for 
 Medians hold with it, a mean does not exist; statistics say how many values were missing or infinite.
 """
 
+_SSM = """\
+## Beside SUMO's SSM device
+In car-following `ttc_min_s` and `drac_max_mps2` are what SUMO's surrogate safety measures give at every instant, to the
+two decimals that SUMO writes; `tests/integration/test_ssm_device.py` drives both over one scene. Known differences:
+
+- **Who counts.** Here every vehicle whose body is in the path of the ego's, ahead and behind, at any distance. The
+  device goes by SUMO's lanes and its own kinds of encounters, within `device.ssm.range` (50 m), and leaves out
+  neighbours to whom only lateral motion leads; for these there is `ttc2d_min_s`.
+- **The gap.** Both are bumper to bumper. SUMO's getters of the leader give it less the follower's `minGap`.
+- **When.** The device speaks of the encounters that last; here minima and maxima are over the whole run.
+- **Without closing** the device has no value; here the time is `inf`, the deceleration 0.
+- **In contact** the device keeps the deceleration of the last instant before; here it is `inf`. The time is 0 in both.
+"""
+
 
 def _all_metrics() -> Registry:
     registry = Registry()
@@ -44,7 +58,7 @@ def metrics_page() -> str:
     parts = [_INTRODUCTION]
     for title, metrics in GROUPS.items():
         parts.append(f"## {title}\n" + "\n".join(_entry(metric) for metric in metrics) + "\n")
-    return "\n".join(parts)
+    return "\n".join([*parts, _SSM])
 
 
 def _entry(metric: Metric) -> str:

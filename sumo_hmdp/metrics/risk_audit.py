@@ -1,8 +1,7 @@
 """The risk that was taken against the risk that was asked for (docs/guarantees.md).
 
-For every planned step the recorded trace is looked up at the step's instant. A step is *violated* where a vehicle in
-the planned lane is then nearer to the ego than the safe distance, front bumper to front bumper. Rates are per step,
-plan and run; their denominators are never mixed:
+`planned_distances` says when a planned step is *violated*. Rates are per step, plan and run; their denominators are
+never mixed:
 
 - step: planned steps whose instant was recorded;
 - plan: plans all of whose steps were recorded, and violated ones that a contact cut short;
@@ -20,33 +19,21 @@ rate per plan is asked for is what `uniform` and `mixture` claim; `individual` c
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from sumo_hmdp.domain.distance import SafeDistance
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.metrics.decision_tables import instant, plan_table
+from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
 from sumo_hmdp.metrics.proportion import Rate, design_effect, rate
 
-# Plans lie on the bounds of their distances, which solvers meet to this many metres.
-DISTANCE_SLACK = 1e-5
 # These plans keep every distance; the others say themselves that they do not.
 KEEPING = ("optimal", "incumbent")
-
-
-class Claim(StrEnum):
-    """Which position of the ego is audited.
-
-    PLANNED: the plan's own, at all its steps: what the model claims.
-    EXECUTED: the ego's realised one at the first step, while the plan is still the one carried out.
-    """
-
-    PLANNED = "planned"
-    EXECUTED = "executed"
 
 
 class Verdict(StrEnum):
@@ -57,79 +44,6 @@ class Verdict(StrEnum):
     CONSERVATIVE = "conservative"
     CONSISTENT = "consistent"
     NO_CLAIM = "no claim"
-
-
-@dataclass(frozen=True)
-class AuditSettings:
-    """What a run's plans were asked for.
-
-    Attributes:
-        period: of a planned step [s].
-        safe_distance: between front bumpers [m].
-        lane_columns: of `steps`; a vehicle is in the lanes that any of them names. `lane` is where its front bumper
-            is; `intended_lane` is what plans under `occupancy: target` are asked for.
-    """
-
-    period: float
-    safe_distance: float
-    lane_columns: tuple[str, ...] = ("lane",)
-
-
-def audit_settings(manifest: Mapping[str, Any]) -> AuditSettings | None:
-    """Return what a run's manifest says that its plans were asked for, None for a planner without a safe distance.
-
-    Raises:
-        InputError: if its distance rule is not `fixed`, whose distance alone is known from the manifest.
-    """
-    if manifest.get("safe_distance_m") is None:
-        return None
-    rule = manifest.get("parameters", {}).get("distance_rule", "fixed")
-    if rule != "fixed":
-        where = manifest.get("run_id", "manifest")
-        raise InputError([f"distance_rule must be fixed for an audit, got {rule} ({where}). Leave the run out"])
-    return AuditSettings(period=float(manifest["period_s"]), safe_distance=float(manifest["safe_distance_m"]))
-
-
-def audit_run(
-    decisions: pd.DataFrame, steps: pd.DataFrame, settings: AuditSettings, claim: Claim = Claim.PLANNED
-) -> pd.DataFrame:
-    """Look every planned step of one run up in its trace.
-
-    Args:
-        decisions: the `decisions` table of the run.
-        steps: its `steps` table with all vehicles.
-        settings: what its plans were asked for.
-        claim: which position of the ego is audited.
-
-    Returns:
-        One row per planned step: run_id, decision_index, time_s, status, horizon_step, plan_lane, plan_x_m; observed;
-        ego_x_m, the audited position; vehicle_id and distance_m of the nearest vehicle in the planned lane (missing
-        where there is none); violated.
-    """
-    plan = plan_table(decisions)
-    if claim is Claim.EXECUTED:
-        plan = plan[plan["horizon_step"] == 1].reset_index(drop=True)
-    plan["instant"] = instant(plan["time_s"] + plan["horizon_step"] * settings.period)
-    trace = steps.assign(instant=instant(steps["time_s"]))
-    ego = trace[trace["vehicle_id"] == EGO_ID].set_index("instant")["x_m"]
-    plan["observed"] = plan["instant"].isin(ego.index)
-    plan["ego_x_m"] = plan["plan_x_m"] if claim is Claim.PLANNED else plan["instant"].map(ego).astype("float64")
-    nearest = _nearest(plan, trace[trace["vehicle_id"] != EGO_ID], settings.lane_columns)
-    plan[["vehicle_id", "distance_m"]] = nearest
-    plan["violated"] = plan["distance_m"] < settings.safe_distance - DISTANCE_SLACK
-    return plan.drop(columns="instant")
-
-
-def _nearest(plan: pd.DataFrame, others: pd.DataFrame, lane_columns: Sequence[str]) -> pd.DataFrame:
-    """Return the nearest vehicle in the planned lane and its distance for each row of `plan`."""
-    rows = plan[["instant", "plan_lane", "ego_x_m"]].reset_index(names="row")
-    both = rows.merge(others[["instant", "vehicle_id", "x_m", *lane_columns]], on="instant")
-    shared = np.zeros(len(both), dtype=bool)
-    for column in lane_columns:
-        shared |= (both[column] == both["plan_lane"]).to_numpy()
-    both = both[shared]
-    both = both.assign(distance_m=(both["x_m"] - both["ego_x_m"]).abs()).sort_values("distance_m", kind="stable")
-    return both.drop_duplicates("row").set_index("row")[["vehicle_id", "distance_m"]].reindex(plan.index)
 
 
 def audit_results(
@@ -144,7 +58,10 @@ def audit_results(
         decisions: the `decisions` table.
         steps: the `steps` table with all vehicles.
         manifests: by run id.
-        claim: which position of the ego is audited.
+        claim: which motion of the ego is audited.
+
+    Returns:
+        The rows of all runs; empty where no planner keeps a safe distance.
 
     Raises:
         InputError: naming every run that was recorded without its surrounding vehicles or cannot be audited.
@@ -171,9 +88,8 @@ def audit_results(
         parts.append(audit_run(rows, trace, settings, claim))
     if problems:
         raise InputError(problems)
-    return (
-        pd.concat(parts, ignore_index=True) if parts else audit_run(decisions.iloc[:0], steps, AuditSettings(1.0, 0.0))
-    )
+    nothing = AuditSettings(1.0, SafeDistance(0.0), Road(1, 4.0))
+    return pd.concat(parts, ignore_index=True) if parts else audit_run(decisions.iloc[:0], steps.iloc[:0], nothing)
 
 
 def violation_rates(

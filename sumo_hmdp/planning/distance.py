@@ -1,7 +1,6 @@
 """Safe distances: how far apart two vehicles in one lane must be on average (docs/formulation.md, eqs. 8 and 17).
 
-`fixed`, the paper's rule, is measured between front bumpers; `time_headway` and `rss` between bumpers, so the
-leader's length comes on top. The margin of the chance constraint is added to each.
+The rules are in `domain/distance.py`; the margin of the chance constraint is added to each.
 """
 
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ import numpy as np
 
 from sumo_hmdp.hmdp.branches import Branches
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.problem import DecisionProblem, DistanceRule, RssParameters
+from sumo_hmdp.planning.problem import DecisionProblem
 
 
 @dataclass(frozen=True)
@@ -24,24 +23,6 @@ class Clearance:
 
     ahead: FloatArray
     behind: FloatArray
-
-
-def rss_distance(rear_speed: FloatArray, front_speed: FloatArray, rss: RssParameters) -> FloatArray:
-    """Return the longitudinal safe distance of Responsibility-Sensitive Safety, between bumpers [m].
-
-    d = [v_r rho + a rho^2 / 2 + (v_r + rho a)^2 / (2 b_min) - v_f^2 / (2 b_max)]_+ of Shalev-Shwartz, Shammah and
-    Shashua 2017: the rear vehicle accelerates by a for its response time rho and then brakes by at least b_min, while
-    the front one brakes by at most b_max.
-
-    Args:
-        rear_speed: v_r of the follower [m/s].
-        front_speed: v_f of the leader [m/s].
-        rss: rho, a, b_min and b_max.
-    """
-    reached = rear_speed + rss.response_time * rss.accel_max
-    travelled = rear_speed * rss.response_time + rss.accel_max * rss.response_time**2 / 2
-    distance = travelled + reached**2 / (2 * rss.brake_min) - front_speed**2 / (2 * rss.brake_max)
-    return np.maximum(distance, 0.0)
 
 
 def safe_clearance(problem: DecisionProblem, branches: Branches, margin: FloatArray, ego_speed: float) -> Clearance:
@@ -60,17 +41,10 @@ def clearance_to(
     problem: DecisionProblem, lengths: FloatArray, speeds: FloatArray, margin: FloatArray, ego_speed: float
 ) -> Clearance:
     """Return the least distances to vehicles of given lengths [m], mean speeds [m/s] and margins [m], of one shape."""
-    settings = problem.settings
-    if settings.distance_rule is DistanceRule.FIXED:
-        distance = settings.safe_distance + margin
-        return Clearance(ahead=distance, behind=distance)
-    if settings.distance_rule is DistanceRule.TIME_HEADWAY:
-        between = settings.safe_distance + settings.time_headway * ego_speed
-        return Clearance(ahead=problem.ego.length + between + margin, behind=lengths + between + margin)
-    own = np.full_like(speeds, ego_speed)
+    safe, own = problem.settings.distance, np.array(ego_speed)
     return Clearance(
-        ahead=problem.ego.length + rss_distance(speeds, own, settings.rss) + margin,
-        behind=lengths + rss_distance(own, speeds, settings.rss) + margin,
+        ahead=safe.ahead(np.array(problem.ego.length), own, speeds) + margin,
+        behind=safe.behind(lengths, own, speeds) + margin,
     )
 
 

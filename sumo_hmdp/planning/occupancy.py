@@ -1,10 +1,5 @@
-"""Which lanes a vehicle takes up, and which lane states the ego can be in (docs/formulation.md, eq. 16).
+"""Which lanes the vehicles of a decision take up, and which lane states the ego can be in (`domain/occupancy.py`)."""
 
-`target`, the paper's rule: a vehicle takes up the lane it intends. `swept`: while its body is still over the lane
-it leaves, it takes up that one as well.
-"""
-
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -12,45 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral
+from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over, body_lanes
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lateral_means
-from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.problem import DecisionProblem, Occupancy
-
-# A body that only touches a line is not over the lane beyond it [m].
-BODY_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class LaneState:
-    """What the ego does across the road at the end of a step.
-
-    Attributes:
-        lane: the lane it intends.
-        leaving: (lane, number of steps, this one included, at whose end its body is still over it), by lane.
-    """
-
-    lane: int
-    leaving: tuple[tuple[int, int], ...] = ()
-
-    @property
-    def occupied(self) -> tuple[int, ...]:
-        """The lanes it takes up."""
-        return (self.lane, *(lane for lane, _ in self.leaving))
-
-    def after(self, lateral: Lateral, sweep_steps: int) -> "LaneState":
-        """Return the state one step on.
-
-        Args:
-            lateral: the step's action.
-            sweep_steps: how many steps end with the body still over a lane that is left; 0 counts none.
-        """
-        lane = self.lane + lateral
-        leaving = {left: steps - 1 for left, steps in self.leaving if steps > 1 and left != lane}
-        if lateral != Lateral.KEEP and sweep_steps:
-            leaving[self.lane] = sweep_steps
-        return LaneState(lane, tuple(sorted(leaving.items())))
+from sumo_hmdp.planning.problem import DecisionProblem
 
 
 @dataclass(frozen=True)
@@ -78,42 +39,14 @@ class LaneStep:
     move: IntArray
 
 
-def quintic_share(progress: float) -> float:
-    """Return 10 t^3 - 15 t^4 + 6 t^5, the share of a lane change that is done at a share of its time."""
-    return progress**3 * (10 - 15 * progress + 6 * progress**2)
-
-
-def quintic_progress(share: float) -> float:
-    """Return the share of its time at which a share of a lane change is done; the inverse of `quintic_share`."""
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if quintic_share(middle) < share else (low, middle)
-    return (low + high) / 2
-
-
-@lru_cache(maxsize=64)
-def clearing_progress(road: Road, width: float) -> float:
-    """Return the share of a lane change's time after which the body has left the old lane.
-
-    The body of a vehicle clears the line when its centre is half a width beyond it.
-    """
-    return quintic_progress(min(1.0, (road.lane_width + width) / (2 * road.lane_width)))
+def _lane_change(problem: DecisionProblem) -> LaneChange:
+    settings = problem.settings
+    return LaneChange(problem.road, problem.ego.width, settings.lane_change_time, settings.period)
 
 
 def sweep_steps(problem: DecisionProblem) -> int:
-    """Return how many steps of a lane change of the ego end before its body has left the old lane, at least 1."""
-    settings = problem.settings
-    if settings.occupancy is Occupancy.TARGET:
-        return 0
-    time = clearing_progress(problem.road, problem.ego.width) * settings.lane_change_time
-    return max(1, math.ceil(time / settings.period - 1e-9) - 1)
-
-
-def body_lanes(road: Road, y: float, width: float) -> tuple[int, ...]:
-    """Return the lanes that a body at y [m] is over."""
-    reach = (road.lane_width + width) / 2 - BODY_TOLERANCE
-    return tuple(lane for lane in range(1, road.lane_count + 1) if abs(y - road.center_y(lane)) < reach)
+    """Return how many steps of a lane change of the ego end before its body has left the old lane; 0 counts none."""
+    return 0 if problem.settings.occupancy is Occupancy.TARGET else _lane_change(problem).sweep_steps
 
 
 def present_lanes(problem: DecisionProblem, vehicle: VehicleState) -> frozenset[int]:
@@ -125,16 +58,10 @@ def present_lanes(problem: DecisionProblem, vehicle: VehicleState) -> frozenset[
 
 def start_state(problem: DecisionProblem) -> LaneState:
     """Return the ego's lane state now; under `swept`, what is left of a running lane change follows from y."""
-    ego, settings = problem.ego, problem.settings
-    leaving = []
-    for lane in sorted(present_lanes(problem, ego) - {ego.lane}):
-        distance = abs(problem.road.center_y(ego.lane) - problem.road.center_y(lane))
-        done = min(max(abs(ego.y - problem.road.center_y(lane)) / distance, 0.0), 1.0)
-        clear = clearing_progress(problem.road, ego.width)
-        left = max(0.0, clear - quintic_progress(done)) * settings.lane_change_time
-        # This very instant counts as one; the steps that follow are those that end before the line is cleared.
-        leaving.append((lane, 1 + max(0, math.ceil(left / settings.period - 1e-9) - 1)))
-    return LaneState(ego.lane, tuple(leaving))
+    ego = problem.ego
+    if problem.settings.occupancy is Occupancy.TARGET:
+        return LaneState(ego.lane)
+    return _lane_change(problem).state(ego.lane, ego.y)
 
 
 def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
@@ -192,7 +119,7 @@ def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]
     shares: NDArray[np.bool_] = np.array([v.lane for v in vehicles], dtype=np.int64)[:, None] == lanes
     if problem.settings.occupancy is Occupancy.SWEPT:
         y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
-        shares = shares | _bodies_over(problem.road, y, widths)[:, lanes - 1]
+        shares = shares | bodies_over(problem.road, y, widths)[:, lanes - 1]
     return np.asarray(shares.any(axis=1))
 
 
@@ -209,13 +136,6 @@ def _occupied_lanes(
     occupied: NDArray[np.bool_] = branches.lanes[:, :, None] == np.arange(1, road.lane_count + 1)
     if occupancy is Occupancy.SWEPT:
         widths = np.array([v.state.width for v in branches.vehicles])[branches.vehicle]
-        occupied |= _bodies_over(road, lateral_means(branches, road, prediction), widths[:, None])
+        occupied |= bodies_over(road, lateral_means(branches, road, prediction), widths[:, None])
     occupied.flags.writeable = False
     return occupied
-
-
-def _bodies_over(road: Road, y: FloatArray, width: FloatArray) -> NDArray[np.bool_]:
-    """Tell which lanes bodies at y [m] are over; the shape of y, with the lanes as one more axis."""
-    centers = np.array([road.center_y(lane) for lane in range(1, road.lane_count + 1)])
-    reach = (road.lane_width + width) / 2 - BODY_TOLERANCE
-    return np.asarray(np.abs(y[..., None] - centers) < reach[..., None])

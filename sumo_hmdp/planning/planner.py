@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import ManeuverState
+from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PredictedBranch
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
@@ -18,11 +19,10 @@ from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
-from sumo_hmdp.planning.occupancy import body_lanes
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
 
-# Branches are drawn down to this many a vehicle, the likeliest first; decisions use all of them.
+# Branches are shown down to this many a vehicle; decisions use all of them.
 SHOWN_BRANCHES = 12
 # A vehicle in traffic that is slower than this stands or is about to start [m/s]. Starting is a branch of its own; the
 # noise of one that moves would have it roll backwards by a metre or two within the horizon, and whoever has stopped
@@ -185,6 +185,7 @@ def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: f
         solve_time=result.solve_time,
         pruned_prob=float(result.branches.pruned.max(initial=0.0)),
         branch_count=len(result.branches.vehicle),
+        vehicles=tuple(vehicle.state.id for vehicle in problem.vehicles),
         stage_cost=checked.stage_cost,
         objective_bound=checked.objective_bound,
         shifted_feasible=checked.shifted_feasible,
@@ -219,14 +220,21 @@ class HmdpEvidence:
 
 
 def shown_branches(problem: DecisionProblem, branches: Branches) -> tuple[PredictedBranch, ...]:
-    """Return the likeliest branches of each vehicle with their spread along and across the road."""
+    """Return branches of each vehicle with their spread along and across the road, at most `SHOWN_BRANCHES` a vehicle.
+
+    The likeliest of each sequence of lanes come before a second one with the same lanes, so that whoever reads them
+    knows which lanes were thought possible.
+    """
     prediction = problem.settings.prediction()
     y = lateral_means(branches, problem.road, prediction)
     shown = []
     for index, vehicle in enumerate(branches.vehicles):
         rows = np.flatnonzero(branches.vehicle == index)
-        likeliest = rows[np.argsort(-branches.probability[rows], kind="stable")][:SHOWN_BRANCHES]
-        for row in likeliest.tolist():
+        likeliest = rows[np.argsort(-branches.probability[rows], kind="stable")]
+        _, firsts = np.unique(branches.lanes[likeliest], axis=0, return_index=True)
+        others = np.setdiff1d(np.arange(len(likeliest)), firsts)
+        chosen = np.sort(np.concatenate([np.sort(firsts), others])[:SHOWN_BRANCHES])
+        for row in likeliest[chosen].tolist():
             variances = np.diagonal(covariances(branches, row, prediction), axis1=1, axis2=2)
             shown.append(
                 PredictedBranch(

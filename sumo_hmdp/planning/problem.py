@@ -3,7 +3,9 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from sumo_hmdp.domain.distance import DistanceRule, RssParameters, SafeDistance
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.hmdp.branches import PredictedVehicle, PredictionSettings
@@ -21,38 +23,6 @@ class RiskAllocation(StrEnum):
     INDIVIDUAL = "individual"
     UNIFORM = "uniform"
     MIXTURE = "mixture"
-
-
-class Occupancy(StrEnum):
-    """Which lanes a vehicle takes up; `planning/occupancy.py` says how."""
-
-    TARGET = "target"
-    SWEPT = "swept"
-
-
-class DistanceRule(StrEnum):
-    """What the safe distance is; `planning/distance.py` says how."""
-
-    FIXED = "fixed"
-    TIME_HEADWAY = "time_headway"
-    RSS = "rss"
-
-
-@dataclass(frozen=True)
-class RssParameters:
-    """Parameters of the RSS distance.
-
-    Attributes:
-        response_time: rho [s].
-        accel_max: strongest acceleration of the follower during its response [m/s2].
-        brake_min: least braking of the follower after it, a positive magnitude [m/s2].
-        brake_max: strongest braking of the leader, a positive magnitude [m/s2].
-    """
-
-    response_time: float = 0.5
-    accel_max: float = 2.0
-    brake_min: float = 4.0
-    brake_max: float = 8.0
 
 
 @dataclass(frozen=True)
@@ -136,6 +106,11 @@ class PlannerSettings:
     rss: RssParameters = field(default_factory=RssParameters)
     stopping: bool = False
     enforce_deadline: bool = False
+
+    @property
+    def distance(self) -> SafeDistance:
+        """The rule of the safe distance with its numbers."""
+        return SafeDistance(self.safe_distance, self.distance_rule, self.time_headway, self.rss)
 
     @property
     def distance_hangs_on_speed(self) -> bool:

@@ -5,7 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from sumo_hmdp.domain.distance import DistanceRule, RssParameters
 from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL
+from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.hmdp.branches import PredictedVehicle
@@ -13,13 +15,10 @@ from sumo_hmdp.hmdp.dynamics import LateralGains, Noise
 from sumo_hmdp.hmdp.policy import Policy, Probabilities
 from sumo_hmdp.planning.problem import (
     DecisionProblem,
-    DistanceRule,
     ManeuverSequence,
-    Occupancy,
     PlannerSettings,
     Preferences,
     RiskAllocation,
-    RssParameters,
 )
 from sumo_hmdp.validation import FileModel
 

@@ -1,20 +1,22 @@
 """The risk that a study's plans took against the risk they were asked for; where that cannot be told, why."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
-from sumo_hmdp.domain.scene import EGO_ID
-from sumo_hmdp.errors import InputError
-from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, audit_settings, violation_rates
+from sumo_hmdp.metrics.planned_distances import audit_run
+from sumo_hmdp.metrics.risk_audit import Verdict, violation_rates
 from sumo_hmdp.report.study_data import StudyData
 from sumo_hmdp.report.study_table import StudyTable, each, interval, listed, number
+from sumo_hmdp.report.study_traces import TracedCell
 
 _COLUMNS = [
     "cell", "risk_allocation", "status", "risk_level", "per", "violation_count", "trial_count", "run_count",
     "violation_rate", "low_rate", "high_rate", "design_effect", "verdict",
 ]  # fmt: skip
+_STEP_COLUMNS = [name for name in _COLUMNS if name not in {"per", "verdict"}]
+_STEP_COLUMNS.insert(3, "horizon_step")
 
 
 @dataclass(frozen=True)
@@ -23,10 +25,12 @@ class StudyAudit:
 
     Attributes:
         rates: as of `violation_rates` by `cell_label`, with `risk_allocation`; no rows where nothing could be audited.
-        notes: what could not be, and why.
+        steps: the same of each horizon step alone.
+        notes: what could not be audited, and why.
     """
 
     rates: pd.DataFrame
+    steps: pd.DataFrame
     notes: tuple[str, ...]
 
     @property
@@ -36,55 +40,30 @@ class StudyAudit:
         return self.rates[claimed].reset_index(drop=True)
 
 
-def audit_study(data: StudyData) -> StudyAudit:
-    """Audit every cell whose planner keeps a fixed safe distance and whose runs kept all vehicles."""
-    notes: list[str] = []
-    untraced: list[str] = []
-    parts = []
-    kept = _traced(data)
-    for cell in data.cells:
-        try:
-            claims = audit_settings(cell.manifest) is not None
-        except InputError:
-            rule = cell.manifest["parameters"]["distance_rule"]
-            notes.append(
-                f"{cell.label} cannot be audited: its plans keep the distance of the rule {rule}, and only a fixed "
-                "distance can be looked up afterwards."
-            )
-            continue
-        ran = data.ended.loc[data.ended["cell"] == cell.id, "run_id"]
-        if not claims or ran.empty:
-            continue
-        traced = [run for run in ran if run in kept]
-        if len(traced) < len(ran):
-            untraced.append(
-                cell.label if not traced else f"{len(ran) - len(traced)} of {len(ran)} runs of {cell.label}"
-            )
-        if traced:
-            decisions = data.decisions[data.decisions["run_id"].isin(traced)]
-            steps = data.steps[data.steps["run_id"].isin(traced)]
-            parts.append(audit_results(decisions, steps, dict.fromkeys(traced, cell.manifest)))
-    if untraced:
-        notes.append(
-            f"The risk that was taken cannot be audited for {listed(untraced)}: the study kept no traces of the other "
-            "vehicles (trace: none or ego). Run it again with trace: all."
-        )
-    audited = [part for part in parts if len(part)]
+def audit_study(data: StudyData, traced: Sequence[TracedCell], notes: tuple[str, ...]) -> StudyAudit:
+    """Audit every cell that can be.
+
+    Args:
+        data: the study.
+        traced: its cells with traces.
+        notes: what of it cannot be audited.
+    """
+    audited = [audit_run(decisions, steps, cell.settings) for cell in traced for _, decisions, steps in cell.runs()]
+    audited = [part for part in audited if len(part)]
     if not audited:
-        empty = pd.DataFrame(columns=["cell_label", *_COLUMNS[1:]])
-        return StudyAudit(empty, tuple(notes) or ("No planner of this study plans with a risk level.",))
-    rates = violation_rates(pd.concat(audited, ignore_index=True), data.ended, ["cell_label"])
-    allocation = {cell.label: cell.manifest["parameters"].get("risk_allocation") for cell in data.cells}
+        rates, steps = (pd.DataFrame(columns=["cell_label", *columns[1:]]) for columns in (_COLUMNS, _STEP_COLUMNS))
+        return StudyAudit(rates, steps, notes or ("No planner of this study plans with a risk level.",))
+    rows = pd.concat(audited, ignore_index=True)
+    tables = (violation_rates(rows, data.ended, by) for by in (["cell_label"], ["cell_label", "horizon_step"]))
+    allocation = {cell.label: cell.rule for cell in traced}
     order = {cell.label: place for place, cell in enumerate(data.cells)}
-    rates = rates.assign(risk_allocation=rates["cell_label"].map(allocation), place=rates["cell_label"].map(order))
-    return StudyAudit(rates.sort_values("place", kind="stable", ignore_index=True), tuple(notes))
-
-
-def _traced(data: StudyData) -> set[str]:
-    """Return the runs that kept all vehicles, or never saw another one."""
-    others = set(data.steps.loc[data.steps["vehicle_id"] != EGO_ID, "run_id"])
-    alone = set(data.steps["run_id"]) - set(data.decisions.loc[data.decisions["branch_count"] > 0, "run_id"])
-    return others | alone
+    rates, steps = (
+        table.assign(risk_allocation=table["cell_label"].map(allocation), place=table["cell_label"].map(order))
+        .sort_values("place", kind="stable", ignore_index=True)
+        .drop(columns="place")
+        for table in tables
+    )
+    return StudyAudit(rates, steps, notes)
 
 
 def audit_table(audit: StudyAudit) -> StudyTable:
@@ -102,14 +81,35 @@ def audit_table(audit: StudyAudit) -> StudyTable:
         "rate over asked", "verdict",
     )  # fmt: skip
     note = (
-        "A planned step is violated where, at its instant, a vehicle in the planned lane was nearer than the safe "
-        "distance. Intervals: Clopper and Pearson, widened by how alike the plans of one run are. The rule individual "
-        "claims less than a rate per plan; plans that are not optimal claim nothing."
+        "A planned step is violated where, at its instant, a vehicle that the plan kept a distance to and that took up "
+        "a lane of the plan was nearer than the planner's own safe distance. Intervals: Clopper and Pearson, widened "
+        "by how alike the plans of one run are. The claims hold where vehicles move as predicted, which those that "
+        "SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are not optimal "
+        "claim nothing."
     )
     frame = audit.rates.rename(columns={"cell_label": "cell"})[_COLUMNS]
     return StudyTable(
         "risk", "Violations of the safe distance per planned step, plan and run", frame, headings, tuple(rows), note
     )
+
+
+def audit_step_table(audit: StudyAudit) -> StudyTable:
+    """Return the rates of each horizon step."""
+    rows = [
+        (
+            row["cell_label"],
+            row["status"],
+            str(row["horizon_step"]),
+            number(100 * row["risk_level"]),
+            f"{row['violation_count']} of {row['trial_count']}",
+            number(100 * row["violation_rate"]),
+            interval(100 * row["low_rate"], 100 * row["high_rate"]),
+        )
+        for row in audit.steps.to_dict("records")
+    ]
+    headings = ("cell", "plans", "horizon step", "asked [%]", "violated", "rate [%]", "95 % interval")
+    frame = audit.steps.rename(columns={"cell_label": "cell"})[_STEP_COLUMNS]
+    return StudyTable("risk_steps", "Violations of the safe distance by horizon step", frame, headings, tuple(rows))
 
 
 def audit_sentences(audit: StudyAudit) -> Iterator[str]:

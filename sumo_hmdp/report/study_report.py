@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -13,7 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.report.study_audit import StudyAudit, audit_sentences, audit_study, audit_table
+from sumo_hmdp.report.study_audit import StudyAudit, audit_sentences, audit_step_table, audit_study, audit_table
+from sumo_hmdp.report.study_blame import blame_figure, blame_frame, blame_table
 from sumo_hmdp.report.study_canvas import StudyFigure
 from sumo_hmdp.report.study_data import StudyData, read_study
 from sumo_hmdp.report.study_figures import (
@@ -25,6 +26,7 @@ from sumo_hmdp.report.study_figures import (
     risk_figure,
 )
 from sumo_hmdp.report.study_parameters import parameter_table, traffic_table, version_table
+from sumo_hmdp.report.study_prediction import prediction_figure, prediction_tables, predictions
 from sumo_hmdp.report.study_svg import inline, svg_of
 from sumo_hmdp.report.study_table import StudyTable
 from sumo_hmdp.report.study_tables import (
@@ -37,6 +39,7 @@ from sumo_hmdp.report.study_tables import (
     ledger_table,
     worst_table,
 )
+from sumo_hmdp.report.study_traces import TracedCell, traced_cells
 from sumo_hmdp.report.study_verdict import findings_of, pairs_table, sentences, verdict_table
 from sumo_hmdp.study.store import whole, write_text
 
@@ -89,17 +92,15 @@ def study_report(folder: Path, page: Path) -> StudyReport:
     """
     data = read_study(folder)
     findings = findings_of(data)
-    audit = audit_study(data)
+    traced, untraced = traced_cells(data)
+    audit = audit_study(data, traced, untraced)
     cells, spread, decisions = cell_frame(data), distribution_frame(data), decision_frame(data)
     verdict = (*sentences(data, findings), *audit_sentences(audit))
     timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
     sections = (
         Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
         Section("frontier", "Risk and efficiency", (), tuple(_frontiers(cells, audit)), (cell_table(cells),)),
-        Section(
-            "risk", "Risk taken over risk asked for", audit.notes,
-            (risk_figure(audit.plans),) if len(audit.plans) else (), (audit_table(audit),),
-        ),
+        *_risk_sections(audit, traced),
         Section(
             "differences", "Differences on common seeds", (), (forest_figure(findings),) if findings else (),
             (pairs_table(findings),), folded=True,
@@ -120,6 +121,24 @@ def study_report(folder: Path, page: Path) -> StudyReport:
         ),
     )  # fmt: skip
     return StudyReport(data, verdict, sections)
+
+
+def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell]) -> Iterator[Section]:
+    """Yield what the plans risked, with the causes of violations, and whether the predictions were right."""
+    figures = [risk_figure(audit.plans)] if len(audit.plans) else []
+    tables = [audit_table(audit)]
+    if len(audit.rates):
+        blame = blame_frame(traced)
+        drawn = blame_figure(blame)
+        figures += [drawn] if drawn is not None else []
+        tables += [audit_step_table(audit), blame_table(blame)]
+    yield Section("risk", "Risk taken over risk asked for", audit.notes, tuple(figures), tuple(tables))
+    found, title = predictions(traced), "Predictions beside what happened"
+    if found is None:
+        told = "There is nothing to compare: no run kept both predictions and all vehicles (trace: all keeps them)."
+        yield Section("prediction", title, (told,))
+    else:
+        yield Section("prediction", title, (), (prediction_figure(found),), prediction_tables(found), folded=True)
 
 
 def _frontiers(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:

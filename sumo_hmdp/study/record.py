@@ -25,7 +25,7 @@ DECISION_COLUMNS = {
     "violation_m": "float64", "stage_cost": "float64", "objective_bound": "float64", "shifted_feasible": "boolean",
     "shifted_reason": "str", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
-    "branches_json": "str", "forbidden_json": "str",
+    "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -200,6 +200,7 @@ class Recorder:
                     for step in decision.plan
                 ]
             ),
+            "vehicles_json": json.dumps(decision.vehicles),
             "branches_json": json.dumps(
                 [
                     {

@@ -131,3 +131,56 @@ def test_half_the_time_step_while_following(closing):
     assert found["tet_s"] == pytest.approx(exposed, abs=0.02)
     assert found["tit_s2"] == pytest.approx(exposed**2 / 2, abs=0.02)
     assert found["tet_spkm"] == pytest.approx(exposed / 0.16, abs=0.15)
+
+
+@SETTINGS
+@given(seed=st.integers(0, 10**6), shift=st.floats(-50, 50))
+def test_moving_the_scene_across_the_road(seed, shift):
+    """Lanes are columns of their own: what is shifted with the scene is the axis from which y counts."""
+    steps = scene(seed)
+    same(measured(steps.assign(y_m=steps["y_m"] + shift)), measured(steps), rel=1e-6, abs=1e-6)
+
+
+# What knows no road: bodies where they are, and how the ego moves along and across its own heading.
+FREE = {"ttc2d_min_s", "near_miss_count"} | {
+    name for name in METRICS.all if name.startswith(("accel_", "lateral_accel_", "jerk_", "yaw_", "speed_mean"))
+}
+
+
+@SETTINGS
+@given(seed=st.integers(0, 10**6), turn=st.floats(-3.0, 3.0))
+def test_turning_the_scene(seed, turn):
+    steps = scene(seed)
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = steps.assign(
+        x_m=cos * steps["x_m"] - sin * steps["y_m"],
+        y_m=sin * steps["x_m"] + cos * steps["y_m"],
+        heading_rad=steps["heading_rad"] + turn,
+    )
+    others = set(METRICS.all) - FREE
+    found, expected = measured(turned, others), measured(steps, others)
+    assert len(found) == len(FREE)
+    same(found, expected, rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("behind", [1.0, 6.0])
+def test_half_the_time_step_in_a_lane_change(behind):
+    """The front enters lane 1 at 2 s; its new follower, as fast, reaches the point `behind` / 20 s later."""
+
+    def change(dt):
+        time = np.arange(round(8 / dt) + 1) * dt
+        lane = {"ego": np.where(time < 2.0 - 1e-9, 2, 1), "a": 1}
+        x = {"ego": 20 * time, "a": 20 * time - 4.0 - behind}
+        # Braking rises to 3 m/s2 at 5 s, within the 5 s that count, and to 9 m/s2 after them.
+        accel = {"ego": 0.0, "a": np.where(time < 7.5, -3.0 * np.sin(np.pi * time / 10) ** 2, -9.0)}
+        parts = [
+            pd.DataFrame({"time_s": time, "vehicle_id": name, "x_m": x[name], "accel_mps2": accel[name]}).assign(
+                lane=lane[name], intended_lane=lane[name]
+            )
+            for name in x
+        ]
+        rest = {"y_m": 0.0, "heading_rad": 0.0, "speed_mps": 20.0, "length_m": 4.0, "width_m": 2.0}
+        return measured(pd.concat(parts).assign(**rest), set(METRICS.all) - {"pet_min_s", "braking_imposed_max_mps2"})
+
+    for dt in (0.1, 0.05, 0.025):
+        assert change(dt) == {"pet_min_s": pytest.approx(behind / 20), "braking_imposed_max_mps2": pytest.approx(3.0)}

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sumo_hmdp.domain.distance import DistanceRule
 from sumo_hmdp.domain.maneuver import Mode
+from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
@@ -16,8 +18,6 @@ from sumo_hmdp.planning.audit import Cause, audit
 from sumo_hmdp.planning.decide import answer
 from sumo_hmdp.planning.problem import (
     DecisionProblem,
-    DistanceRule,
-    Occupancy,
     PlannerSettings,
     Preferences,
     RiskAllocation,

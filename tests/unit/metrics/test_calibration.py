@@ -7,7 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sumo_hmdp.metrics.calibration import displacement_errors, lane_scores, position_coverage, position_nees
+from sumo_hmdp.metrics.calibration import (
+    displacement_errors,
+    lane_reliability,
+    lane_scores,
+    position_coverage,
+    position_nees,
+)
 from sumo_hmdp.metrics.decision_tables import realised_branches
 
 
@@ -133,3 +139,38 @@ def test_a_world_that_is_wilder_or_tamer_shows(spread, sign):
     assert nees["nees_mean"].tolist() == pytest.approx([2 * spread**2] * 2, rel=0.15)
     coverage = position_coverage(realised)
     assert (sign * (coverage["level"] - coverage["coverage_share"]) > 0.03).all()
+
+
+def test_reliability_by_hand():
+    table = lane_reliability(
+        frame(
+            # 0.7 (two branches) for lane 2, which is taken, and 0.3 for lane 1.
+            (0, 0, 0.4, 1, 2, 0.0, 1.0, 0.0, 2, True),
+            (0, 1, 0.3, 1, 2, 0.0, 1.0, 0.0, 2, True),
+            (0, 2, 0.3, 1, 1, 0.0, 1.0, 0.0, 2, False),
+            # 0.7 for lane 3, which is not; certain of lane 1, and right.
+            (1, 0, 0.7, 1, 3, 0.0, 1.0, 0.0, 2, False),
+            (1, 1, 0.3, 1, 2, 0.0, 1.0, 0.0, 2, True),
+            (2, 0, 0.2, 1, 1, 0.0, 1.0, 0.0, 1, True),
+        ),
+        edges=(0.0, 0.3, 0.7, 1.0),
+    )
+    assert table[["low_probability", "high_probability", "hit_count", "trial_count"]].to_numpy().tolist() == [
+        [0.0, 0.3, 1, 2],
+        [0.3, 0.7, 1, 2],
+        [0.7, 1.0, 1, 1],
+    ]
+    assert table["probability_mean"].tolist() == pytest.approx([0.3, 0.7, 1.0])
+    assert table["taken_share"].tolist() == [0.5, 0.5, 1.0]
+    # One of one: 0.025 at the low end of an exact 95 % interval.
+    assert table["low_share"].iloc[-1] == pytest.approx(0.025)
+
+
+def test_a_world_as_predicted_is_reliable_and_another_is_not():
+    realised = world(1.0, seed=4)
+    second = realised[realised["horizon_step"] == 2]
+    table = lane_reliability(second, confidence=0.999)
+    assert table["probability_mean"].tolist() == pytest.approx([0.3, 0.7])
+    assert ((table["low_share"] < table["probability_mean"]) & (table["probability_mean"] < table["high_share"])).all()
+    other = lane_reliability(second.assign(intended_lane=2), confidence=0.999)
+    assert (other["low_share"].iloc[1], other["taken_share"].iloc[0]) == (pytest.approx(1.0, abs=0.01), 0.0)

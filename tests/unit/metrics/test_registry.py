@@ -44,3 +44,10 @@ def test_every_metric_says_what_it_is():
 
 def test_the_page_is_up_to_date():
     assert PAGE.read_text(encoding="utf-8") == metrics_page(), f'write it anew: python -c "{WRITE}" > docs/metrics.md'
+
+
+def test_every_metric_has_numbers_worked_by_hand():
+    tests = [Path(__file__).parent, Path(__file__).parents[1] / "study" / "test_record.py"]
+    files = [file for place in tests for file in ([place] if place.is_file() else sorted(place.glob("test_*.py")))]
+    text = "".join(file.read_text(encoding="utf-8") for file in files if file.name != Path(__file__).name)
+    assert not [name for name in METRICS.all if f'"{name}"' not in text]

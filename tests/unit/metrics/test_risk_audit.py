@@ -6,32 +6,33 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sumo_hmdp.domain.distance import DistanceRule, SafeDistance
+from sumo_hmdp.domain.occupancy import Occupancy
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.blame import Blame, blame_violations, prediction_hits
+from sumo_hmdp.metrics.decision_tables import with_intents
+from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
 from sumo_hmdp.metrics.proportion import Rate, rate
-from sumo_hmdp.metrics.risk_audit import (
-    AuditSettings,
-    Claim,
-    Verdict,
-    audit_results,
-    audit_run,
-    audit_settings,
-    judge,
-    violation_rates,
-)
+from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, judge, violation_rates
 
-SETTINGS = AuditSettings(period=0.6, safe_distance=20.0)
+ROAD = Road(3, 4.0)
+SETTINGS = AuditSettings(period=0.6, distance=SafeDistance(20.0), road=ROAD)
 
 
 def decision(index, time, plan, status="optimal", branches=(), run="r", branch_count=None):
     """Build one decision: plan is a list of (lane, x), branches of (vehicle, lanes, modes, x, x_std)."""
+    steps = [
+        {"step": k, "lane": lane, "x_m": x, "lateral": "keep", "speed_mps": 10.0}
+        for k, (lane, x) in enumerate(plan, start=1)
+    ]
     return {
         "run_id": run,
         "decision_index": index,
         "time_s": time,
         "status": status,
         "branch_count": len(branches) if branch_count is None else branch_count,
-        "plan_json": json.dumps([{"step": k, "lane": lane, "x_m": x} for k, (lane, x) in enumerate(plan, start=1)]),
+        "plan_json": json.dumps(steps),
         "branches_json": json.dumps(
             [
                 {
@@ -54,7 +55,8 @@ def trace(*rows, run="r"):
     """Build a steps table of (time, vehicle, x, lane[, intended lane, mode])."""
     full = [(*row, row[3], "cruise")[:6] if len(row) == 4 else row for row in rows]
     names = ["time_s", "vehicle_id", "x_m", "lane", "intended_lane", "mode"]
-    return pd.DataFrame(full, columns=names).assign(run_id=run, y_m=0.0)
+    bodies = {"y_m": 0.0, "speed_mps": 10.0, "length_m": 4.5, "width_m": 1.8}
+    return pd.DataFrame(full, columns=names).assign(run_id=run, **bodies)
 
 
 # Two steps planned in lane 2, then 1. The car is 25 m ahead, then in lane 1, 19 m behind; a truck is near in lane 3.
@@ -82,10 +84,9 @@ def test_the_executed_step_is_the_first_one_where_the_ego_was():
     assert found[["horizon_step", "ego_x_m", "distance_m", "violated"]].to_numpy().tolist() == [[1, 101.0, 24.0, False]]
 
 
-def test_a_vehicle_may_be_in_the_lane_it_intends_as_well():
+def test_a_vehicle_takes_up_the_lane_that_it_intends():
     steps = STEPS.assign(intended_lane=[2, 2, 2, 1, 1, 1])  # the truck merges
-    settings = AuditSettings(0.6, 20.0, ("lane", "intended_lane"))
-    found = audit_run(DECISIONS, steps, settings)
+    found = audit_run(DECISIONS, steps, SETTINGS)
     assert found["vehicle_id"].tolist() == ["truck", "truck"]
     assert found["distance_m"].tolist() == [0.0, 0.0]
 
@@ -219,7 +220,8 @@ def test_missing_columns_of_runs_are_named():
 
 
 def test_a_study_is_audited_run_by_run():
-    manifest = {"period_s": 0.6, "safe_distance_m": 20.0, "parameters": {}, "run_id": "r"}
+    lanes = {"count": 3, "width_m": 4.0}
+    manifest = {"period_s": 0.6, "safe_distance_m": 20.0, "lanes": lanes, "parameters": {}, "run_id": "r"}
     rule = {**manifest, "safe_distance_m": None}
     found = audit_results(DECISIONS, STEPS, {"r": manifest, "q": rule})
     assert found["violated"].tolist() == [False, True]
@@ -229,11 +231,11 @@ def test_a_study_is_audited_run_by_run():
         audit_results(
             DECISIONS.assign(branch_count=3),
             only_ego,
-            {"r": manifest, "s": {**manifest, "run_id": "s", "parameters": {"distance_rule": "rss"}}},
+            {"r": manifest, "s": {**manifest, "run_id": "s", "parameters": {"distance_rule": "mine"}}},
         )
     assert [str(problem) for problem in caught.value.problems] == [
         "run r must have all vehicles in its steps to be audited. Record it with --trace all",
-        "distance_rule must be fixed for an audit, got rss (s). Leave the run out",
+        "distance_rule must be one of fixed, time_headway, rss for an audit, got mine (s). Leave the run out",
     ]
     with pytest.raises(InputError, match="run r must have all vehicles"):
         audit_results(DECISIONS, STEPS.iloc[:0], {"r": manifest})
@@ -252,11 +254,14 @@ def test_a_study_is_audited_run_by_run():
         (("car", [2, 1], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 5, Blame.UNKNOWN),
         (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "optimal", "planned", 1, Blame.UNSEEN),
         (("bus", [2, 2], ["cruise", "cruise"], [110.0, 120.0], [1.0, 2.0]), "relaxed", "planned", 1, Blame.PLANNER),
+        (None, "optimal", "planned", 3, Blame.UNKNOWN),
+        (None, "optimal", "planned", 0, Blame.UNSEEN),
     ],
 )
 def test_blame_by_hand(branch, status, claim, count, expected):
+    branches = [] if branch is None else [branch]
     decisions = pd.DataFrame(
-        [decision(0, 0.0, [(1, 90.0), (2, 100.0)], status=status, branches=[branch], branch_count=count)]
+        [decision(0, 0.0, [(1, 90.0), (2, 100.0)], status=status, branches=branches, branch_count=count)]
     )
     steps = trace((0.6, "ego", 90.2, 1), (0.6, "car", 109.0, 2), (1.2, "ego", 105.0, 2), (1.2, "car", 117.0, 2))
     audited = audit_run(decisions, steps, SETTINGS, Claim(claim))
@@ -313,3 +318,103 @@ def test_a_world_that_follows_the_model_is_within_the_interval():
     table = violation_rates(audited, runs_of(("r", "hmdp", "completed", 0.1)), level=0.99).set_index("per")
     assert table.loc["plan", "low_rate"] < 0.1 < table.loc["plan", "high_rate"]
     assert table.loc["plan", "verdict"] == "consistent"
+
+
+def one_step(speed, lateral="keep", lane=2, **extra):
+    """Build one decision with one step planned: lane 2 of three unless said, front bumper at 100 m."""
+    step = {"step": 1, "lane": lane, "x_m": 100.0, "lateral": lateral, "speed_mps": speed}
+    return pd.DataFrame([decision(0, 0.0, []) | {"plan_json": json.dumps([step]), "ego_y_m": 0.0} | extra])
+
+
+def around(ego_length=5.0, **car):
+    """Build the trace of one instant: the ego, and a car that is 8 m long in lane 2."""
+    steps = trace((0.6, "ego", 100.0, 2), (0.6, "car", 0.0, 2))
+    own = {"vehicle_id": "car", "length_m": 8.0, **car}
+    steps.loc[1, list(own)] = list(own.values())
+    return steps.assign(length_m=[ego_length, 8.0])
+
+
+@pytest.mark.parametrize(
+    ("rule", "car", "required"),
+    [
+        # 6 m and 1.5 s at 10 m/s between bumpers: to the car ahead with its 8 m, to the one behind with the ego's 5 m.
+        ("time_headway", {"x_m": 128.0, "speed_mps": 30.0}, 8.0 + 6.0 + 15.0),
+        ("time_headway", {"x_m": 75.0, "speed_mps": 30.0}, 5.0 + 6.0 + 15.0),
+        # The ego, 10 m/s, goes 0.5 s on with 2 m/s2 (5.25 m, then 11 m/s) and brakes by 4 (15.125 m); the car ahead
+        # brakes from 8 m/s by 8 (4 m). Behind, it is the car that comes from 16 m/s: 8.25 + 36.125 less 6.25 m.
+        ("rss", {"x_m": 128.0, "speed_mps": 8.0}, 8.0 + 5.25 + 15.125 - 4.0),
+        ("rss", {"x_m": 75.0, "speed_mps": 16.0}, 5.0 + 8.25 + 36.125 - 6.25),
+        # From 40 m/s the car ahead needs 100 m to stop: bumpers may touch, and no less.
+        ("rss", {"x_m": 107.0, "speed_mps": 40.0}, 8.0),
+    ],
+)
+def test_distances_between_bumpers_by_hand(rule, car, required):
+    settings = AuditSettings(0.6, SafeDistance(6.0, DistanceRule(rule), time_headway=1.5), ROAD)
+    found = audit_run(one_step(10.0), around(**car), settings).iloc[0]
+    assert found["required_m"] == pytest.approx(required)
+    assert found["distance_m"] == abs(car["x_m"] - 100.0)
+    assert found["violated"] == (abs(car["x_m"] - 100.0) < required)
+
+
+# Width 1.8 m in lanes of 4 m: a body is over a lane while its centre is less than 2.9 m from that of the lane.
+@pytest.mark.parametrize(
+    ("y", "occupancy", "violated"), [(1.2, "swept", True), (1.0, "swept", False), (1.2, "target", False)]
+)
+def test_a_car_that_changes_lanes_is_in_both(y, occupancy, violated):
+    """The car is still in lane 2 and intends it; the ego plans to be in lane 1, next to it."""
+    steps = around(x_m=95.0, y_m=y)
+    settings = AuditSettings(0.6, SafeDistance(20.0), ROAD, Occupancy(occupancy))
+    found = audit_run(one_step(10.0, lane=1, ego_y_m=4.0), steps, settings)
+    assert found["violated"].tolist() == [violated]
+
+
+@pytest.mark.parametrize(("occupancy", "violated"), [("swept", True), ("target", False)])
+def test_an_ego_that_leaves_a_lane_is_still_in_it(occupancy, violated):
+    steps = around(x_m=110.0)
+    settings = AuditSettings(0.6, SafeDistance(20.0), ROAD, Occupancy(occupancy))
+    found = audit_run(one_step(10.0, lateral="left", lane=1), steps, settings)
+    assert found["violated"].tolist() == [violated]
+
+
+@pytest.mark.parametrize(("kept", "violated"), [('["car"]', True), ('["bus"]', False), ("[]", False), ("null", True)])
+def test_only_distances_that_the_plan_kept_are_counted(kept, violated):
+    """A follower in the ego's own lane keeps the distance by itself; without such a list all count."""
+    found = audit_run(one_step(10.0, vehicles_json=kept), around(x_m=90.0), SETTINGS)
+    assert found["violated"].tolist() == [violated]
+
+
+def test_background_vehicles_intend_the_lane_that_they_head_for():
+    """Recorded in lane 2 and moving left by 1 m/s, it is taken to intend lane 1; nothing was told of its mode."""
+    rows = trace((0.4, "car", 50.0, 2), (0.6, "car", 55.0, 2), (0.4, "bus", 80.0, 3), (0.6, "bus", 85.0, 3))
+    steps = rows.assign(y_m=[0.2, 0.4, -4.0, -4.0])
+    shown = with_intents(steps, ROAD, frozenset())
+    assert shown["intended_lane"].tolist() == [2, 1, 3, 3]
+    assert shown["mode"].unique().tolist() == [""]
+    told = with_intents(steps, ROAD, frozenset({"car"}))
+    assert told["intended_lane"].tolist() == [2, 2, 3, 3]
+    assert told["mode"].tolist() == ["cruise", "cruise", "", ""]
+    assert with_intents(steps, ROAD, None) is steps
+
+
+def test_the_lane_change_time_is_the_egos_unless_the_planner_has_its_own():
+    lanes = {"count": 3, "width_m": 4.0}
+    manifest = {"period_s": 0.6, "safe_distance_m": 2.0, "lanes": lanes, "planner": "p", "parameters": {}}
+    configuration = {"ego": {"lane_change_time_s": 8.0}, "planners": {"p": {}}, "traffic": None, "vehicles": []}
+    assert audit_settings({**manifest, "configuration": configuration}).lane_change_time == 8.0
+    own = {**configuration, "planners": {"p": {"lane_change_time_s": 3.0}}, "traffic": {}}
+    found = audit_settings({**manifest, "configuration": own})
+    assert (found.lane_change_time, found.told) == (3.0, frozenset())
+
+
+def test_lanes_that_nobody_thought_of_are_told_from_branches_that_were_left_out():
+    """Two branches with the same lanes are shown, so all sequences of lanes are; the car went to another lane."""
+    stay = [("car", [2, 2], ["cruise", mode], [110.0, 120.0], [1.0, 2.0]) for mode in ("cruise", "decelerate")]
+    decisions = pd.DataFrame([decision(0, 0.0, [(1, 60.0), (1, 100.0)], branches=stay, branch_count=9)])
+    steps = trace((0.6, "ego", 90.0, 1), (0.6, "car", 109.0, 2), (1.2, "ego", 105.0, 1), (1.2, "car", 117.0, 1))
+    found = blame_violations(audit_run(decisions, steps, SETTINGS), decisions, steps, SETTINGS)
+    assert found["blame"].tolist() == ["pruning"]
+    # A mode that is not shown may be among those that were left out.
+    braking = steps.assign(mode=["cruise", "accelerate"] * 2, lane=[1, 2, 2, 2], intended_lane=[1, 2, 2, 2])
+    there = pd.DataFrame([decision(0, 0.0, [(1, 60.0), (2, 100.0)], branches=stay, branch_count=9)])
+    found = blame_violations(audit_run(there, braking, SETTINGS), there, braking, SETTINGS)
+    assert found["blame"].tolist() == ["unknown"]

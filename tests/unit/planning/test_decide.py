@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sumo_hmdp.domain.distance import DistanceRule, RssParameters, rss_distance
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.occupancy import LaneState, Occupancy, quintic_progress, quintic_share
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
@@ -16,18 +18,14 @@ from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import Policy
 from sumo_hmdp.planning import decide, optimiser
 from sumo_hmdp.planning.decide import SOLVERS, SolversDisagreeError, answer
-from sumo_hmdp.planning.distance import rss_distance
 from sumo_hmdp.planning.highs import MilpResult
-from sumo_hmdp.planning.occupancy import LaneState, quintic_progress, quintic_share, start_state
+from sumo_hmdp.planning.occupancy import start_state
 from sumo_hmdp.planning.problem import (
     DecisionProblem,
-    DistanceRule,
     ManeuverSequence,
-    Occupancy,
     PlannerSettings,
     Preferences,
     RiskAllocation,
-    RssParameters,
 )
 from sumo_hmdp.planning.problem_file import answer_document, parse_problem, problem_document, read_problem
 from sumo_hmdp.planning.risk import RiskBudgetError, shared_tails, tail_probabilities

@@ -1,13 +1,16 @@
-"""Whom the planner minds, and how it takes vehicles that stand; lane centres are at 4, 0 and -4 m."""
+"""Whom the planner minds, how it takes vehicles that stand, what it shows; lane centres are at 4, 0 and -4 m."""
+
+from dataclasses import replace
 
 import pytest
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.hmdp.branches import PredictedVehicle, predict
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import Policy, ScheduledPolicy
-from sumo_hmdp.planning.planner import Belief, HmdpPlanner
-from sumo_hmdp.planning.problem import PlannerSettings, RiskAllocation
+from sumo_hmdp.planning.planner import SHOWN_BRANCHES, Belief, HmdpPlanner, shown_branches
+from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings, RiskAllocation
 
 SETTINGS = PlannerSettings(
     period=0.6,
@@ -75,3 +78,20 @@ def test_a_vehicle_with_a_belief_of_its_own_keeps_its_noise():
     told = HmdpPlanner(SETTINGS, {"v": Belief(POLICY, NOISE)})
     scene = Scene(0.0, ROAD, VehicleState("ego", 0.0, 0.0, 10.0, 2), (vehicle(x=20.0, speed=0.0),))
     assert told.problem(scene).vehicles[0].noise == NOISE
+
+
+def test_branches_are_shown_with_every_sequence_of_lanes_before_a_second_one():
+    """Two steps of a vehicle that may do anything: seven sequences of lanes, each with several of modes."""
+    settings = replace(SETTINGS, sequence_threshold=1e-9)
+    policy = Policy(((0.05, 0.9, 0.05),) * 3, (0.1, 0.8, 0.1))
+    anything = PredictedVehicle(vehicle(x=50.0), policy, NOISE)
+    branches = predict([anything], settings.prediction())
+    problem = DecisionProblem(ROAD, settings, VehicleState("ego", 0.0, 0.0, 10.0, 2), (anything,))
+    shown = shown_branches(problem, branches)
+    everything = {tuple(lanes) for lanes in branches.lanes.tolist()}
+    assert len(everything) == 7
+    assert len(branches.vehicle) > SHOWN_BRANCHES == len(shown)
+    assert {branch.lanes for branch in shown} == everything
+    probabilities = [branch.probability for branch in shown]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert probabilities[0] == branches.probability.max()

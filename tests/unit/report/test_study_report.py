@@ -199,11 +199,28 @@ def test_missing_traces_are_said_plainly(study_by_hand, tmp_path, trace):
     assert (risk.figures, risk.tables[0].rows) == ((), ())
 
 
-def test_a_distance_that_cannot_be_looked_up_is_said(study_by_hand, tmp_path):
-    folder = study_by_hand(tmp_path / "study", rule="time_headway")
+def test_a_distance_between_bumpers_is_audited_and_an_unknown_one_said(study_by_hand, tmp_path):
+    folder = study_by_hand(tmp_path / "study", seeds=(0, 1), rule="time_headway")
+    write_study_report(folder)
+    rates = table(folder, "risk").set_index(["cell", "status", "per"])
+    assert rates.loc[(HIGH, "optimal", "plan"), ["violation_count", "trial_count"]].tolist() == [1, 6]
+    for file in (folder / "cells").glob("*.json"):
+        file.write_text(file.read_text().replace('"distance_rule": "time_headway"', '"distance_rule": "mine"'))
     verdict = study_report(folder, folder / "r.html").verdict
-    told = f"{LOW} cannot be audited: its plans keep the distance of the rule time_headway"
+    told = f"{LOW} cannot be audited: distance_rule must be one of fixed, time_headway, rss for an audit, got mine"
     assert any(sentence.startswith(told) for sentence in verdict)
+
+
+def test_causes_and_horizon_steps_of_the_violations(folder):
+    blame = table(folder, "blame").set_index(["cell_label", "claim"])
+    # The branches were not written down, so nobody can tell what was predicted.
+    assert blame.loc[(HIGH, "planned"), ["violation_count", "trial_count", "unknown_count"]].tolist() == [3, 36, 3]
+    assert blame.loc[(LOW, "planned"), "violation_count"] == 0
+    assert blame.loc[(HIGH, "executed"), "trial_count"] == 36
+    steps = table(folder, "risk_steps").set_index(["cell", "status", "horizon_step"])
+    assert steps.loc[(HIGH, "optimal", 1), ["violation_count", "trial_count"]].tolist() == [3, 36]
+    assert (folder / "report" / "figures" / "blame.svg").is_file()
+    assert "There is nothing to compare: no run kept both predictions and all vehicles" in page(folder)
 
 
 def test_no_runs_and_one_seed(study_by_hand, tmp_path):
@@ -214,7 +231,7 @@ def test_no_runs_and_one_seed(study_by_hand, tmp_path):
     assert not list((none / "report" / "figures").glob("*.svg"))
     one = study_by_hand(tmp_path / "one", seeds=(4,))
     report, _ = write_study_report(one)
-    assert len(report.sections) == 9
+    assert len(report.sections) == 10
     assert f"{LOW} against {BASE}: too few data in everything (1 pairs)." in report.verdict
     assert set(table(one, "verdict")["outcome"]) == {"too few data"}
     assert table(one, "cells")["speed_low_mps"].isna().all()

@@ -262,12 +262,15 @@ def test_the_command_line_solver_is_for_all_runs(tmp_path):
     assert load_design(file, "search").cells[0].ready.solver == "search"
 
 
-@pytest.mark.parametrize(("name", "cells", "seeds"), [("main", 3, 20), ("highway_epsilon", 6, 50)])
-def test_the_studies_on_the_highway(name, cells, seeds):
-    # The rules have no risk level: one cell.
+# The rules have no risk level: one cell, last.
+@pytest.mark.parametrize(
+    ("name", "cells", "rules", "seeds"),
+    [("main", 2, 1, 20), ("highway_epsilon", 5, 1, 50), ("highway_risk", 4, 0, 20)],
+)
+def test_the_studies_on_the_highway(name, cells, rules, seeds):
     design = load_design(find_study(name))
-    assert (design.file.name, len(design.cells), len(design.seeds)) == (name, cells, seeds)
-    assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * (cells - 1) + ["idm_mobil"]
+    assert (design.file.name, len(design.seeds)) == (name, seeds)
+    assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * cells + ["idm_mobil"] * rules
 
 
 def test_the_reliability_study_has_18_settings_that_differ(tmp_path):
