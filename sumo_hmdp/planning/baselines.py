@@ -8,11 +8,11 @@ from typing import Literal
 from pydantic import Field
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import Command, Decision, Status
 from sumo_hmdp.domain.scene import Scene
 from sumo_hmdp.planning.idm import Idm
 from sumo_hmdp.planning.mobil import Goal, Mobil, follow_in_lane, leader_in_lane
-from sumo_hmdp.planning.occupancy import body_lanes
 from sumo_hmdp.planning.problem_schema import NonNegative, Number, Positive
 from sumo_hmdp.validation import FileModel
 
