@@ -21,7 +21,7 @@ from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneState, LaneStep, lane_steps, occupied_lanes
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
-from sumo_hmdp.planning.windows import BoolArray, Clearances, Cut, Level, Stretch, Traffic, merge, running
+from sumo_hmdp.planning.windows import BoolArray, Clearances, Cut, Level, Stretch, Traffic, farthest_points, merge, running
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Stage:
         state: (N,) index of the lane state.
         level: (N,) speed level that it holds for; all zero where `levelled` is false.
         phase: (N,) phase of that speed level.
+        gap: (N,) number of the gap that it is, at its speed level: windows of one lane state with the same branches
+            behind and ahead are one gap. Where `levelled` is false, each window is a gap of its own.
         low: (N,) lower end.
         high: (N,) upper end; low <= high.
         soft_low: (N,) lower end that keeps every safe distance; equals `low` unless distances are relaxed.
@@ -46,6 +48,7 @@ class Stage:
     state: IntArray
     level: IntArray
     phase: IntArray
+    gap: IntArray
     low: FloatArray
     high: FloatArray
     soft_low: FloatArray
@@ -105,14 +108,16 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         The graph; a step at which everything is taken has a stage without windows.
     """
     levelled = problem.settings.distance_hangs_on_speed
-    levels: list[list[Level]] = [lattice.levels(k + 1) if levelled else [(0, 0)] for k in range(lattice.steps)]
+    levels: list[dict[Level, tuple[float, float]]] = [
+        lattice.ranges[k] if levelled else {(0, 0): farthest_points(lattice, k + 1)} for k in range(lattice.steps)
+    ]
     lanes = lane_steps(problem)
     traffic = Traffic.of(problem, lattice, branches, distances, chain.from_iterable(levels))
     before = [traffic.start(problem, lanes[0])]
     stages: list[Stage] = []
     for k in range(lattice.steps):
         closed = _closed(problem, lanes[k + 1])
-        after = [traffic.cut(lattice, k, lanes[k + 1], closed, level) for level in levels[k]]
+        after = [traffic.cut(lattice, k, lanes[k + 1], closed, *level) for level in levels[k].items()]
         stages.append(_stage(before, after, lanes[k + 1]))
         before = after
     return Corridors(stages=tuple(stages), states=tuple(step.states for step in lanes), levelled=levelled)
@@ -150,6 +155,7 @@ def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
         state=state,
         level=level,
         phase=phase,
+        gap=_gaps(after)[columns],
         low=low,
         high=high,
         soft_low=soft_low,
@@ -163,6 +169,18 @@ def _by_state(cuts: list[Cut]) -> IntArray:
     """Return the order of the windows of all speed levels of a step."""
     states = [cut.state for cut in cuts]
     return np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *states]), kind="stable")
+
+
+def _gaps(cuts: list[Cut]) -> IntArray:
+    """Number the gaps of a step and return that of each window of each speed level in turn."""
+    numbers: dict[tuple[int, bytes], int] = {}
+    found = []
+    for cut in cuts:
+        block = cut.block[cut.state]
+        behind = np.packbits((block >= 0) & (block < cut.number[:, None]), axis=1)
+        for state, signature in zip(cut.state.tolist(), behind, strict=True):
+            found.append(numbers.setdefault((state, signature.tobytes()), len(numbers)))
+    return np.array(found, dtype=np.int64)
 
 
 def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:

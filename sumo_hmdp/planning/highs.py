@@ -7,7 +7,7 @@ matrix-vector product instead of a new Pyomo model.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import highspy
@@ -87,6 +87,22 @@ class CompiledModel:
     cost: _Affine
     integer: NDArray[np.bool_]
     kinds: tuple[Any, ...]
+
+    @property
+    def window_shape(self) -> tuple[int, ...]:
+        """Shape of an array with a place for every window of the model, and for some more: those not in the mask."""
+        shape = self.shape
+        gaps = (shape.steps, shape.windows)
+        return (*gaps, 2 * shape.steps + 1, 1 + shape.stopping) if shape.levelled else gaps
+
+    @cached_property
+    def window_mask(self) -> NDArray[np.bool_]:
+        """Which places of such an array are windows: step k ends at most k speed levels away."""
+        if not self.shape.levelled:
+            return np.ones(self.window_shape, dtype=bool)
+        steps, level = np.arange(1, self.shape.steps + 1), np.arange(-self.shape.steps, self.shape.steps + 1)
+        near = np.abs(level) <= steps[:, None]
+        return np.broadcast_to(near[:, None, :, None], self.window_shape)
 
 
 class _AffineBuilder:

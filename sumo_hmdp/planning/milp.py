@@ -19,7 +19,9 @@ from sumo_hmdp.planning.milp_terms import (
     MODES,
     has_stopped,
     lattice_point,
+    levels,
     mode_is,
+    of_window,
     speed_gain,
     speed_gained,
     speed_level,
@@ -33,11 +35,11 @@ class Shape:
 
     Attributes:
         steps: H.
-        windows: windows per step, the same for all; those that a decision lacks are closed.
+        windows: windows per step, the same for all, or gaps where `levelled`; those that a decision lacks are closed.
         lanes: of the road.
         terminal: whether there is a terminal cost.
         relaxed: whether distances may be violated at a price.
-        levelled: whether windows hold for one speed level only.
+        levelled: whether each gap has a window of its own for every speed level.
         stopping: whether the ego may come to rest within a step.
         lines: whether a stop line may matter.
     """
@@ -79,9 +81,11 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.one_stop = pyo.Constraint(rule=one_stop)
         model.stand_after_stop = pyo.Constraint(model.K, rule=stand_after_stop)
     if shape.levelled:
-        model.window_has_level = pyo.Constraint(model.K, rule=window_has_level)
-    if shape.levelled and shape.stopping:
-        model.window_has_phase = pyo.Constraint(model.K, rule=window_has_phase)
+        model.gap_has_level = pyo.Constraint(model.K, model.I, rule=gap_has_level)
+        model.level_has_gap = pyo.Constraint(model.speeds, rule=level_has_gap)
+        model.level_is_reached = pyo.Constraint(model.K, rule=level_is_reached)
+        model.phase_is_reached = pyo.Constraint(model.K, rule=phase_is_reached)
+        model.level_follows = pyo.Constraint(model.speeds, rule=level_follows)
     if shape.lines:
         model.stops_before_line = pyo.Constraint(model.N, rule=stops_before_line)
     if shape.terminal:
@@ -98,19 +102,30 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
     return model
 
 
+def window_index(shape: Shape) -> list[tuple[int, ...]]:
+    """List the windows: one a step k and gap i, or one a step, gap, speed level n and phase p."""
+    gaps = [(k, i) for k in range(1, shape.steps + 1) for i in range(shape.windows)]
+    if not shape.levelled:
+        return list(gaps)
+    return [(k, i, n, p) for k, i in gaps for n, p in levels(k, range(int(shape.stopping) + 1))]
+
+
 def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
     """Declare the data: variables that are fixed before a solve."""
     K, I = model.K, model.I  # noqa: E741 - the index sets' usual names
     data = model.data = pyo.Block()
     model.N = pyo.RangeSet(-shape.steps, shape.steps)
+    model.P = pyo.RangeSet(0, int(shape.stopping))
+    model.windows = pyo.Set(initialize=window_index(shape), ordered=True)
+    model.speeds = pyo.Set(initialize=[(k, n, p) for k in K for n, p in levels(k, model.P)], ordered=True)
     data.maneuver_cost = pyo.Var(MODES, LATERALS)
     data.may_accelerate = pyo.Var()
     data.may_decelerate = pyo.Var()
     data.start_lane = pyo.Var()
     data.lane = pyo.Var(K, I)
     data.lane_cost = pyo.Var(K, I)
-    data.low = pyo.Var(K, I)
-    data.high = pyo.Var(K, I)
+    data.low = pyo.Var(model.windows)
+    data.high = pyo.Var(model.windows)
     data.start_move = pyo.Var(I)
     data.move = pyo.Var([k for k in K if k > 1], I, I)
     data.level_min = pyo.Var()
@@ -120,8 +135,7 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
     data.deadband = pyo.Var()
     data.speed_weight = pyo.Var()
     if shape.levelled:
-        data.window_level = pyo.Var(K, I)
-        data.window_phase = pyo.Var(K, I)
+        data.open = pyo.Var(model.windows)
     if shape.stopping:
         data.may_stop = pyo.Var()
         data.stands_at_start = pyo.Var()
@@ -134,12 +148,11 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
         data.braked_slope = pyo.Var(model.N)
         data.braked_less = pyo.Var(model.N)
     if shape.terminal:
-        model.P = pyo.RangeSet(0, int(shape.stopping))
         data.in_lane = pyo.Var(model.L, I)
         data.terminal = pyo.Var(model.L, model.N, model.P, MODES)
     if shape.relaxed:
-        data.soft_low = pyo.Var(K, I)
-        data.soft_high = pyo.Var(K, I)
+        data.soft_low = pyo.Var(model.windows)
+        data.soft_high = pyo.Var(model.windows)
         data.violation_factor = pyo.Var()
         data.violation_cap = pyo.Var()
 
@@ -149,6 +162,9 @@ def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
     model.u = pyo.Var(model.K, MODES, LATERALS, domain=pyo.Binary)
     model.z = pyo.Var(model.K, model.I, domain=pyo.Binary)
     model.p = pyo.Var(model.K, domain=pyo.NonNegativeReals)
+    if shape.levelled:
+        model.w = pyo.Var(model.windows, domain=pyo.NonNegativeReals)
+        model.at = pyo.Var(model.speeds, domain=pyo.NonNegativeReals)
     if shape.terminal:
         model.level = pyo.Var(model.N, model.P, domain=pyo.Binary)
         model.end = pyo.Var(model.L, model.N, model.P, MODES, domain=pyo.NonNegativeReals)
@@ -182,14 +198,34 @@ def stand_after_stop(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     return model.stand[k] <= before + model.data.stands_at_start
 
 
-def window_has_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: the window is one of the speed level n_k."""
-    return sum(model.data.window_level[k, i] * model.z[k, i] for i in model.I) == speed_level(model, k)
+def gap_has_level(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
+    """Row: sum over n, p of open[k, i, n, p] w[k, i, n, p] = z[k, i]; the gap's window at one speed level is used."""
+    return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for n, p in levels(k, model.P)) == model.z[k, i]
 
 
-def window_has_phase(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: the window is one of the phase."""
-    return sum(model.data.window_phase[k, i] * model.z[k, i] for i in model.I) == has_stopped(model, k)
+def level_has_gap(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
+    """Row: sum over i of open[k, i, n, p] w[k, i, n, p] = at[k, n, p]."""
+    return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for i in model.I) == model.at[k, n, p]
+
+
+def level_is_reached(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: sum over n, p of n at[k, n, p] = n_k."""
+    return sum(n * model.at[k, n, p] for n, p in levels(k, model.P)) == speed_level(model, k)
+
+
+def phase_is_reached(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: sum over n of at[k, n, 1] tells whether the ego has stopped."""
+    if model.P.last() == 0:
+        return pyo.Constraint.Skip
+    return sum(model.at[k, n, 1] for n in range(-k, k + 1)) == has_stopped(model, k)
+
+
+def level_follows(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
+    """Row: at[k, n, p] <= sum of at[k-1, m, q] with |m - n| <= 1, q <= p; implied for whole u, it tightens."""
+    if k == 1:
+        return pyo.Constraint.Skip
+    before = [(m, q) for m, q in levels(k - 1, model.P) if abs(m - n) <= 1 and q <= p]
+    return model.at[k, n, p] <= sum(model.at[k - 1, m, q] for m, q in before)
 
 
 def one_maneuver(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -239,12 +275,12 @@ def window_left(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
 
 def not_behind_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: sum over i of low[k, i] z[k, i] <= s_k."""
-    return sum(model.data.low[k, i] * model.z[k, i] for i in model.I) <= lattice_point(model, k)
+    return of_window(model, model.data.low, k) <= lattice_point(model, k)
 
 
 def not_ahead_of_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: s_k <= sum over i of high[k, i] z[k, i]."""
-    return lattice_point(model, k) <= sum(model.data.high[k, i] * model.z[k, i] for i in model.I)
+    return lattice_point(model, k) <= of_window(model, model.data.high, k)
 
 
 def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -298,7 +334,7 @@ def end_phase_is_reached(model: pyo.ConcreteModel, phase: int) -> pyo.Expression
 
 def soft_behind(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: sum over i of soft_low[k, i] z[k, i] - short_behind_k <= s_k."""
-    return sum(model.data.soft_low[k, i] * model.z[k, i] for i in model.I) - model.short_behind[k] <= lattice_point(
+    return of_window(model, model.data.soft_low, k) - model.short_behind[k] <= lattice_point(
         model, k
     )
 
@@ -307,7 +343,7 @@ def soft_ahead(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: s_k <= sum over i of soft_high[k, i] z[k, i] + short_ahead_k."""
     return (
         lattice_point(model, k)
-        <= sum(model.data.soft_high[k, i] * model.z[k, i] for i in model.I) + model.short_ahead[k]
+        <= of_window(model, model.data.soft_high, k) + model.short_ahead[k]
     )
 
 

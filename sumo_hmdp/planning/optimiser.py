@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.planning.corridors import Corridors
+from sumo_hmdp.planning.corridors import Corridors, Stage
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
@@ -18,6 +18,7 @@ from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 # The windows' data by name in the model: attribute of `Stage`, and in which direction the model widens it.
 _BOUNDS = {
@@ -25,8 +26,6 @@ _BOUNDS = {
     "high": ("high", 1.0),
     "soft_low": ("soft_low", 0.0),
     "soft_high": ("soft_high", 0.0),
-    "window_level": ("level", 0.0),
-    "window_phase": ("phase", 0.0),
 }
 
 # HiGHS proves wrong optima where coefficients lie about as near to whole numbers as its tolerances are small. So a
@@ -138,7 +137,7 @@ def _beyond_line(
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
-    needed = max(len(stage.lane) for stage in corridors.stages)
+    needed = max(1 + int(stage.gap.max()) for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
     return Shape(
         steps=problem.settings.horizon_steps,
@@ -159,15 +158,18 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     room = 2 * H
     tolerance = SPEED_TOLERANCE / lattice.speed_step
     slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
-    windows = {name: np.zeros((H, width)) for name in ("lane", "lane_cost", *_BOUNDS)}
-    move = np.zeros((H, width, width))
+    lane, move = np.zeros((H, width)), np.zeros((H, width, width))
+    windows = {name: np.zeros(compiled.window_shape) for name in ("open", *_BOUNDS)}
+    gaps_before = np.zeros(1, dtype=np.int64)
     for k, stage in enumerate(corridors.stages):
-        count = len(stage.lane)
-        windows["lane"][k, :count] = stage.lane
+        lane[k, stage.gap] = stage.lane
+        places = _places(compiled, k, stage)
+        windows["open"][places] = 1.0
         for name, (attribute, direction) in _BOUNDS.items():
-            windows[name][k, :count] = getattr(stage, attribute) + direction * slack
-        move[k, : stage.moves.shape[0], :count] = stage.moves
-    windows["lane_cost"] = np.asarray(lane_cost(preferences, windows["lane"].astype(np.int64)))
+            windows[name][places] = getattr(stage, attribute) + direction * slack
+        before, after = np.nonzero(stage.moves)
+        move[k, gaps_before[before], stage.gap[after]] = 1.0
+        gaps_before = stage.gap
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {
@@ -183,7 +185,9 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         "maneuver_cost": preferences.maneuver_cost,
         "start_move": move[0, 0],
         "move": move[1:],
-        **windows,
+        "lane": lane,
+        "lane_cost": lane_cost(preferences, lane.astype(np.int64)),
+        **{name: of_windows[compiled.window_mask] for name, of_windows in windows.items()},
     }
     if shape.stopping:
         values["may_stop"] = lattice.rest_share > 0
@@ -194,14 +198,15 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     if shape.lines:
         # Beyond the farthest stop nothing is asked, neither of windows without a line nor of those that are not there.
         stop_high = np.full(width, farthest_stop(lattice) + 1.0)
-        last = corridors.stages[-1].stop_high + (0.0 if shape.relaxed else STOPPING_SLACK)
-        stop_high[: len(last)] = np.minimum(last, stop_high[: len(last)])
+        last = corridors.stages[-1]
+        nearest = np.minimum(last.stop_high + (0.0 if shape.relaxed else STOPPING_SLACK), stop_high[0])
+        stop_high[last.gap] = nearest
         speeds = lattice.speed / lattice.speed_step + np.arange(-H, H + 1)
         values["stop_high"] = stop_high
         values["braked"], values["braked_slope"] = speeds**2, 2 * speeds + 1
         values["braked_less"] = 2 * lattice.rest_share * (speeds + 1) - lattice.rest_share**2
     if shape.terminal:
-        values["in_lane"] = windows["lane"][-1] == np.arange(1, shape.lanes + 1)[:, None]
+        values["in_lane"] = lane[-1] == np.arange(1, shape.lanes + 1)[:, None]
         table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
         # The model has modes in the order accelerate, cruise, decelerate.
         values["terminal"] = table[:, :, :, ::-1]
@@ -210,6 +215,13 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         if name in values:
             data[place] = np.asarray(values[name], dtype=np.float64).ravel()
     return data
+
+
+def _places(compiled: CompiledModel, k: int, stage: Stage) -> tuple[IntArray | int, ...]:
+    """Return where the windows of step index k are in an array of the model's windows."""
+    if not compiled.shape.levelled:
+        return k, stage.gap
+    return k, stage.gap, stage.level + compiled.shape.steps, stage.phase
 
 
 def start_values(
@@ -230,10 +242,16 @@ def start_values(
     z = np.zeros((shape.steps, shape.windows))
     for k, (mode, lateral) in enumerate(zip(sequence.modes, sequence.laterals, strict=True)):
         u[k, MODES.index(mode), LATERALS.index(lateral)] = 1.0
-        z[k, windows[k]] = 1.0
+        z[k, corridors.stages[k].gap[windows[k]]] = 1.0
     speeds = np.array([motion.speed for motion in motions])
     excess = np.maximum(np.abs(speeds - preferences.desired_speed) - preferences.speed_deadband, 0.0)
     values = {"u": u, "z": z, "p": excess}
+    if shape.levelled:
+        w, at = np.zeros(compiled.window_shape), np.zeros((shape.steps, 2 * shape.steps + 1))
+        for k, (stage, window) in enumerate(zip(corridors.stages, windows, strict=True)):
+            w[k, stage.gap[window], stage.level[window] + shape.steps] = 1.0
+            at[k, stage.level[window] + shape.steps] = 1.0
+        values |= {"w": w[compiled.window_mask], "at": at[compiled.window_mask[:, 0, :, 0]]}
     if shape.terminal:
         level = motions[-1].level + shape.steps
         ends = np.zeros((shape.lanes, 2 * shape.steps + 1, 1, len(MODES)))
