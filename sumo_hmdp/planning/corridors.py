@@ -21,7 +21,17 @@ from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneState, LaneStep, lane_steps, occupied_lanes
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
-from sumo_hmdp.planning.windows import BoolArray, Clearances, Cut, Level, Stretch, Traffic, farthest_points, merge, running
+from sumo_hmdp.planning.windows import (
+    BoolArray,
+    Clearances,
+    Cut,
+    Level,
+    Stretch,
+    Traffic,
+    farthest_points,
+    merge,
+    running,
+)
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,11 @@ class Stage:
     soft_high: FloatArray
     stop_high: FloatArray
     moves: BoolArray
+
+    @property
+    def gap_count(self) -> int:
+        """Number of gaps."""
+        return 1 + int(self.gap.max(initial=-1))
 
 
 @dataclass(frozen=True)
@@ -155,7 +170,7 @@ def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
         state=state,
         level=level,
         phase=phase,
-        gap=_gaps(after)[columns],
+        gap=_gaps(after)[columns] if len(after) > 1 else np.arange(len(columns)),
         low=low,
         high=high,
         soft_low=soft_low,
@@ -173,14 +188,15 @@ def _by_state(cuts: list[Cut]) -> IntArray:
 
 def _gaps(cuts: list[Cut]) -> IntArray:
     """Number the gaps of a step and return that of each window of each speed level in turn."""
-    numbers: dict[tuple[int, bytes], int] = {}
-    found = []
+    found: list[tuple[int, int, bytes]] = []
     for cut in cuts:
         block = cut.block[cut.state]
-        behind = np.packbits((block >= 0) & (block < cut.number[:, None]), axis=1)
-        for state, signature in zip(cut.state.tolist(), behind, strict=True):
-            found.append(numbers.setdefault((state, signature.tobytes()), len(numbers)))
-    return np.array(found, dtype=np.int64)
+        behind = (block >= 0) & (block < cut.number[:, None])
+        signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
+        found += zip(cut.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True)
+    # From behind to ahead in each lane state, as the windows are.
+    numbers = {gap: number for number, gap in enumerate(sorted(set(found)))}
+    return np.array([numbers[gap] for gap in found], dtype=np.int64)
 
 
 def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:

@@ -89,19 +89,18 @@ class CompiledModel:
     kinds: tuple[Any, ...]
 
     @property
-    def window_shape(self) -> tuple[int, ...]:
-        """Shape of an array with a place for every window of the model, and for some more: those not in the mask."""
+    def window_shape(self) -> tuple[int, int, int, int]:
+        """Steps, gaps, speed levels and phases: an array with a place for every window of the model, and for more."""
         shape = self.shape
-        gaps = (shape.steps, shape.windows)
-        return (*gaps, 2 * shape.steps + 1, 1 + shape.stopping) if shape.levelled else gaps
+        if not shape.levelled:
+            return shape.steps, shape.windows, 1, 1
+        return shape.steps, shape.windows, 2 * shape.steps + 1, 1 + shape.stopping
 
     @cached_property
     def window_mask(self) -> NDArray[np.bool_]:
-        """Which places of such an array are windows: step k ends at most k speed levels away."""
-        if not self.shape.levelled:
-            return np.ones(self.window_shape, dtype=bool)
-        steps, level = np.arange(1, self.shape.steps + 1), np.arange(-self.shape.steps, self.shape.steps + 1)
-        near = np.abs(level) <= steps[:, None]
+        """Which places of such an array are windows: step k ends at most k speed levels from the present one."""
+        steps, levels = self.window_shape[0], self.window_shape[2]
+        near = np.abs(np.arange(levels) - levels // 2) <= np.arange(1, steps + 1)[:, None]
         return np.broadcast_to(near[:, None, :, None], self.window_shape)
 
 

@@ -334,17 +334,12 @@ def end_phase_is_reached(model: pyo.ConcreteModel, phase: int) -> pyo.Expression
 
 def soft_behind(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: sum over i of soft_low[k, i] z[k, i] - short_behind_k <= s_k."""
-    return of_window(model, model.data.soft_low, k) - model.short_behind[k] <= lattice_point(
-        model, k
-    )
+    return of_window(model, model.data.soft_low, k) - model.short_behind[k] <= lattice_point(model, k)
 
 
 def soft_ahead(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: s_k <= sum over i of soft_high[k, i] z[k, i] + short_ahead_k."""
-    return (
-        lattice_point(model, k)
-        <= of_window(model, model.data.soft_high, k) + model.short_ahead[k]
-    )
+    return lattice_point(model, k) <= of_window(model, model.data.soft_high, k) + model.short_ahead[k]
 
 
 def violation_cap(model: pyo.ConcreteModel) -> pyo.Expression:

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.planning.corridors import Corridors, Stage
+from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
+from sumo_hmdp.planning.gaps import gaps_of
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.milp import Shape
@@ -18,15 +19,9 @@ from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
-# The windows' data by name in the model: attribute of `Stage`, and in which direction the model widens it.
-_BOUNDS = {
-    "low": ("low", -1.0),
-    "high": ("high", 1.0),
-    "soft_low": ("soft_low", 0.0),
-    "soft_high": ("soft_high", 0.0),
-}
+# The windows' bounds by name in the model and in `Gaps`, and in which direction the model widens them.
+_BOUNDS = {"low": -1.0, "high": 1.0, "soft_low": 0.0, "soft_high": 0.0}
 
 # HiGHS proves wrong optima where coefficients lie about as near to whole numbers as its tolerances are small. So a
 # bound keeps away from the points it lets in: halfway to the next where positions are whole, and where the ego may stop
@@ -137,7 +132,7 @@ def _beyond_line(
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
-    needed = max(1 + int(stage.gap.max()) for stage in corridors.stages)
+    needed = max(stage.gap_count for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
     return Shape(
         steps=problem.settings.horizon_steps,
@@ -160,16 +155,14 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
     lane, move = np.zeros((H, width)), np.zeros((H, width, width))
     windows = {name: np.zeros(compiled.window_shape) for name in ("open", *_BOUNDS)}
-    gaps_before = np.zeros(1, dtype=np.int64)
-    for k, stage in enumerate(corridors.stages):
-        lane[k, stage.gap] = stage.lane
-        places = _places(compiled, k, stage)
-        windows["open"][places] = 1.0
-        for name, (attribute, direction) in _BOUNDS.items():
-            windows[name][places] = getattr(stage, attribute) + direction * slack
-        before, after = np.nonzero(stage.moves)
-        move[k, gaps_before[before], stage.gap[after]] = 1.0
-        gaps_before = stage.gap
+    steps = gaps_of(corridors, stopping=lattice.stopping)
+    for k, gaps in enumerate(steps):
+        before, count = gaps.moves.shape
+        lane[k, :count] = gaps.lane
+        move[k, :before, :count] = gaps.moves
+        windows["open"][k, :count] = gaps.open
+        for name, direction in _BOUNDS.items():
+            windows[name][k, :count] = np.where(gaps.open, getattr(gaps, name) + direction * slack, 0.0)
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {
@@ -198,9 +191,8 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     if shape.lines:
         # Beyond the farthest stop nothing is asked, neither of windows without a line nor of those that are not there.
         stop_high = np.full(width, farthest_stop(lattice) + 1.0)
-        last = corridors.stages[-1]
-        nearest = np.minimum(last.stop_high + (0.0 if shape.relaxed else STOPPING_SLACK), stop_high[0])
-        stop_high[last.gap] = nearest
+        last = steps[-1].stop_high + (0.0 if shape.relaxed else STOPPING_SLACK)
+        stop_high[: len(last)] = np.minimum(last, stop_high[: len(last)])
         speeds = lattice.speed / lattice.speed_step + np.arange(-H, H + 1)
         values["stop_high"] = stop_high
         values["braked"], values["braked_slope"] = speeds**2, 2 * speeds + 1
@@ -215,13 +207,6 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         if name in values:
             data[place] = np.asarray(values[name], dtype=np.float64).ravel()
     return data
-
-
-def _places(compiled: CompiledModel, k: int, stage: Stage) -> tuple[IntArray | int, ...]:
-    """Return where the windows of step index k are in an array of the model's windows."""
-    if not compiled.shape.levelled:
-        return k, stage.gap
-    return k, stage.gap, stage.level + compiled.shape.steps, stage.phase
 
 
 def start_values(
@@ -247,11 +232,10 @@ def start_values(
     excess = np.maximum(np.abs(speeds - preferences.desired_speed) - preferences.speed_deadband, 0.0)
     values = {"u": u, "z": z, "p": excess}
     if shape.levelled:
-        w, at = np.zeros(compiled.window_shape), np.zeros((shape.steps, 2 * shape.steps + 1))
+        w = np.zeros(compiled.window_shape)
         for k, (stage, window) in enumerate(zip(corridors.stages, windows, strict=True)):
             w[k, stage.gap[window], stage.level[window] + shape.steps] = 1.0
-            at[k, stage.level[window] + shape.steps] = 1.0
-        values |= {"w": w[compiled.window_mask], "at": at[compiled.window_mask[:, 0, :, 0]]}
+        values |= {"w": w[compiled.window_mask], "at": w.sum(axis=1)[compiled.window_mask[:, 0]]}
     if shape.terminal:
         level = motions[-1].level + shape.steps
         ends = np.zeros((shape.lanes, 2 * shape.steps + 1, 1, len(MODES)))
