@@ -5,7 +5,7 @@ package. Every problem is answered three times: by the enumeration, by the searc
 branch counts, objective (1e-6) and violation (1e-5 m), and each solver's own plan is judged by the enumeration.
 Horizons are 2 to 6 steps. Half of the problems have as many vehicles as leaves the horizon some feasible plans
 (tests/oracles/general_problems.py), the other half 0 to 12 at every horizon. Prints what was compared, as a table in
-Markdown, and exits with 1 where anything differs.
+Markdown, also when it is interrupted, and exits with 1 where anything differs.
 
     python analysis/02_solvers_agree.py --problems 10000 --seed 12
 """
@@ -118,10 +118,15 @@ def main() -> int:
     one = partial(compare, seed=arguments.seed)
     results: list[Compared] = []
     with ProcessPoolExecutor(arguments.workers) as pool:
-        for result in pool.map(one, range(arguments.problems), chunksize=20):
-            results.append(result)
-            for sentence in result.disagreements:
-                print(f"problem [{arguments.seed}, {result.number}] {result.features}: {sentence}", flush=True)
+        try:
+            for result in pool.map(one, range(arguments.problems), chunksize=20):
+                results.append(result)
+                for sentence in result.disagreements:
+                    print(f"problem [{arguments.seed}, {result.number}] {result.features}: {sentence}", flush=True)
+                if len(results) % 500 == 0:
+                    print(f"{len(results)} compared ({perf_counter() - begin:.0f} s)", file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
     print(table(results))
     differing = sum(bool(result.disagreements) for result in results)
     print(f"{differing} of {len(results)} problems are answered otherwise ({perf_counter() - begin:.0f} s)")

@@ -135,7 +135,7 @@ def _numbered(block: pyo.Block) -> tuple[dict[str, slice], list[Any]]:
     return places, variables
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=128)
 def compile_model(shape: Shape) -> CompiledModel:
     """Build the Pyomo model of a shape and read its coefficients off.
 

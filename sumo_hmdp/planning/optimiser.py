@@ -134,11 +134,13 @@ def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors
     """Return the least shape that holds the corridors."""
     needed = max(stage.gap_count for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
+    terminal = problem.settings.preferences.terminal_weight > 0
     return Shape(
         steps=problem.settings.horizon_steps,
         windows=windows,
-        lanes=problem.road.lane_count,
-        terminal=problem.settings.preferences.terminal_weight > 0,
+        # Only the terminal cost has rows for each lane.
+        lanes=problem.road.lane_count if terminal else 1,
+        terminal=terminal,
         relaxed=relaxed,
         levelled=corridors.levelled,
         stopping=lattice.stopping,
