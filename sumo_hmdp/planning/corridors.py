@@ -43,8 +43,8 @@ class Stage:
         state: (N,) index of the lane state.
         level: (N,) speed level that it holds for; all zero where `levelled` is false.
         phase: (N,) phase of that speed level.
-        gap: (N,) number of the gap that it is, at its speed level: windows of one lane state with the same branches
-            behind and ahead are one gap. Where `levelled` is false, each window is a gap of its own.
+        opening: (N,) number of the opening whose window it is at its speed level: the same branches are behind it and
+            ahead, in the same lane state. Where `levelled` is false, each window is an opening of its own.
         low: (N,) lower end.
         high: (N,) upper end; low <= high.
         soft_low: (N,) lower end that keeps every safe distance; equals `low` unless distances are relaxed.
@@ -58,7 +58,7 @@ class Stage:
     state: IntArray
     level: IntArray
     phase: IntArray
-    gap: IntArray
+    opening: IntArray
     low: FloatArray
     high: FloatArray
     soft_low: FloatArray
@@ -67,9 +67,9 @@ class Stage:
     moves: BoolArray
 
     @property
-    def gap_count(self) -> int:
-        """Number of gaps."""
-        return 1 + int(self.gap.max(initial=-1))
+    def opening_count(self) -> int:
+        """Number of openings."""
+        return 1 + int(self.opening.max(initial=-1))
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
         state=state,
         level=level,
         phase=phase,
-        gap=_gaps(after)[columns] if len(after) > 1 else np.arange(len(columns)),
+        opening=_openings(after)[columns] if len(after) > 1 else np.arange(len(columns)),
         low=low,
         high=high,
         soft_low=soft_low,
@@ -186,8 +186,8 @@ def _by_state(cuts: list[Cut]) -> IntArray:
     return np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *states]), kind="stable")
 
 
-def _gaps(cuts: list[Cut]) -> IntArray:
-    """Number the gaps of a step and return that of each window of each speed level in turn."""
+def _openings(cuts: list[Cut]) -> IntArray:
+    """Number the openings of a step and return that of each window of each speed level in turn."""
     found: list[tuple[int, int, bytes]] = []
     for cut in cuts:
         block = cut.block[cut.state]
@@ -195,8 +195,8 @@ def _gaps(cuts: list[Cut]) -> IntArray:
         signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
         found += zip(cut.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True)
     # From behind to ahead in each lane state, as the windows are.
-    numbers = {gap: number for number, gap in enumerate(sorted(set(found)))}
-    return np.array([numbers[gap] for gap in found], dtype=np.int64)
+    numbers = {opening: number for number, opening in enumerate(sorted(set(found)))}
+    return np.array([numbers[opening] for opening in found], dtype=np.int64)
 
 
 def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:

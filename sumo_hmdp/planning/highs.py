@@ -1,7 +1,7 @@
 """HiGHS under the Pyomo model: compiled once a shape, filled with numbers and solved once a decision.
 
 Every coefficient of the model is a constant or a constant times one datum (a fixed variable of
-`planning/milp.py`). Compiling reads this off the Pyomo expressions, so that filling in a decision is one sparse
+`planning/milp_data.py`). Compiling reads this off the Pyomo expressions, so that filling in a decision is one sparse
 matrix-vector product instead of a new Pyomo model.
 """
 
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pyomo.repn import generate_standard_repn
 from scipy import sparse
 
-from sumo_hmdp.planning.milp import Shape, build_model
+from sumo_hmdp.planning.milp import build_model
+from sumo_hmdp.planning.milp_data import Shape
 
 FloatArray = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ class CompiledModel:
 
     @property
     def window_shape(self) -> tuple[int, int, int, int]:
-        """Steps, gaps, speed levels and phases: an array with a place for every window of the model, and for more."""
+        """Steps, openings, speed levels, phases: of an array with a place for every window of the model, and more."""
         shape = self.shape
         if not shape.levelled:
             return shape.steps, shape.windows, 1, 1

@@ -1,7 +1,8 @@
 """The decision as a mixed-integer linear program, written in Pyomo: one relation, one function.
 
-Columns: one-hot maneuvers u[k, mode, lateral], one-hot windows z[k, i], speed excess p[k]; where asked, the
-terminal cost and the slack of a relaxed plan. The ego's position is no column but its lattice point
+Columns: one-hot maneuvers u[k, mode, lateral], one-hot openings z[k, i], speed excess p[k]; where distances depend on
+speed, the window w[k, i, n, p] of the opening at speed level n; where asked, the terminal cost and the slack of a
+relaxed plan. The ego's position is no column but its lattice point
 s_k = sum over j <= k of (2 (k - j) + 1) mode_j, and a window holds it by two rows over the one-hot z (their
 convex hull, no big M).
 
@@ -10,10 +11,9 @@ bilinear on paper and linear once the data are fixed, and `planning/highs.py` ca
 which datum, so that the model is compiled once and re-solved for every decision.
 """
 
-from dataclasses import dataclass
-
 import pyomo.environ as pyo
 
+from sumo_hmdp.planning.milp_data import Shape, declare_columns, declare_data
 from sumo_hmdp.planning.milp_terms import (
     LATERALS,
     MODES,
@@ -27,31 +27,6 @@ from sumo_hmdp.planning.milp_terms import (
     speed_level,
     total_violation,
 )
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What decides the rows and columns of the model.
-
-    Attributes:
-        steps: H.
-        windows: windows per step, the same for all, or gaps where `levelled`; those that a decision lacks are closed.
-        lanes: of the road.
-        terminal: whether there is a terminal cost.
-        relaxed: whether distances may be violated at a price.
-        levelled: whether each gap has a window of its own for every speed level.
-        stopping: whether the ego may come to rest within a step.
-        lines: whether a stop line may matter.
-    """
-
-    steps: int
-    windows: int
-    lanes: int
-    terminal: bool
-    relaxed: bool
-    levelled: bool
-    stopping: bool
-    lines: bool = False
 
 
 def build_model(shape: Shape) -> pyo.ConcreteModel:
@@ -81,8 +56,8 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.one_stop = pyo.Constraint(rule=one_stop)
         model.stand_after_stop = pyo.Constraint(model.K, rule=stand_after_stop)
     if shape.levelled:
-        model.gap_has_level = pyo.Constraint(model.K, model.I, rule=gap_has_level)
-        model.level_has_gap = pyo.Constraint(model.speeds, rule=level_has_gap)
+        model.opening_has_level = pyo.Constraint(model.K, model.I, rule=opening_has_level)
+        model.level_has_opening = pyo.Constraint(model.speeds, rule=level_has_opening)
         model.level_is_reached = pyo.Constraint(model.K, rule=level_is_reached)
         model.phase_is_reached = pyo.Constraint(model.K, rule=phase_is_reached)
         model.level_follows = pyo.Constraint(model.speeds, rule=level_follows)
@@ -100,80 +75,6 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.violation_cap = pyo.Constraint(rule=violation_cap)
     model.cost = pyo.Objective(rule=total_cost)
     return model
-
-
-def window_index(shape: Shape) -> list[tuple[int, ...]]:
-    """List the windows: one a step k and gap i, or one a step, gap, speed level n and phase p."""
-    gaps = [(k, i) for k in range(1, shape.steps + 1) for i in range(shape.windows)]
-    if not shape.levelled:
-        return list(gaps)
-    return [(k, i, n, p) for k, i in gaps for n, p in levels(k, range(int(shape.stopping) + 1))]
-
-
-def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
-    """Declare the data: variables that are fixed before a solve."""
-    K, I = model.K, model.I  # noqa: E741 - the index sets' usual names
-    data = model.data = pyo.Block()
-    model.N = pyo.RangeSet(-shape.steps, shape.steps)
-    model.P = pyo.RangeSet(0, int(shape.stopping))
-    model.windows = pyo.Set(initialize=window_index(shape), ordered=True)
-    model.speeds = pyo.Set(initialize=[(k, n, p) for k in K for n, p in levels(k, model.P)], ordered=True)
-    data.maneuver_cost = pyo.Var(MODES, LATERALS)
-    data.may_accelerate = pyo.Var()
-    data.may_decelerate = pyo.Var()
-    data.start_lane = pyo.Var()
-    data.lane = pyo.Var(K, I)
-    data.lane_cost = pyo.Var(K, I)
-    data.low = pyo.Var(model.windows)
-    data.high = pyo.Var(model.windows)
-    data.start_move = pyo.Var(I)
-    data.move = pyo.Var([k for k in K if k > 1], I, I)
-    data.level_min = pyo.Var()
-    data.level_max = pyo.Var()
-    data.speed_step = pyo.Var()
-    data.speed_error = pyo.Var()
-    data.deadband = pyo.Var()
-    data.speed_weight = pyo.Var()
-    if shape.levelled:
-        data.open = pyo.Var(model.windows)
-    if shape.stopping:
-        data.may_stop = pyo.Var()
-        data.stands_at_start = pyo.Var()
-        data.lost_share = pyo.Var()
-        data.lost_speed = pyo.Var()
-        data.lost_share_squared = pyo.Var()
-    if shape.lines:
-        data.stop_high = pyo.Var(I)
-        data.braked = pyo.Var(model.N)
-        data.braked_slope = pyo.Var(model.N)
-        data.braked_less = pyo.Var(model.N)
-    if shape.terminal:
-        data.in_lane = pyo.Var(model.L, I)
-        data.terminal = pyo.Var(model.L, model.N, model.P, MODES)
-    if shape.relaxed:
-        data.soft_low = pyo.Var(model.windows)
-        data.soft_high = pyo.Var(model.windows)
-        data.violation_factor = pyo.Var()
-        data.violation_cap = pyo.Var()
-
-
-def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
-    """Declare the decision variables."""
-    model.u = pyo.Var(model.K, MODES, LATERALS, domain=pyo.Binary)
-    model.z = pyo.Var(model.K, model.I, domain=pyo.Binary)
-    model.p = pyo.Var(model.K, domain=pyo.NonNegativeReals)
-    if shape.levelled:
-        model.w = pyo.Var(model.windows, domain=pyo.NonNegativeReals)
-        model.at = pyo.Var(model.speeds, domain=pyo.NonNegativeReals)
-    if shape.terminal:
-        model.level = pyo.Var(model.N, model.P, domain=pyo.Binary)
-        model.end = pyo.Var(model.L, model.N, model.P, MODES, domain=pyo.NonNegativeReals)
-    if shape.stopping:
-        model.stop = pyo.Var(model.K, domain=pyo.Binary)
-        model.stand = pyo.Var(model.K, domain=pyo.Binary)
-    if shape.relaxed:
-        model.short_behind = pyo.Var(model.K, domain=pyo.NonNegativeReals)
-        model.short_ahead = pyo.Var(model.K, domain=pyo.NonNegativeReals)
 
 
 def rest_needs_braking(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -198,12 +99,12 @@ def stand_after_stop(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     return model.stand[k] <= before + model.data.stands_at_start
 
 
-def gap_has_level(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
-    """Row: sum over n, p of open[k, i, n, p] w[k, i, n, p] = z[k, i]; the gap's window at one speed level is used."""
+def opening_has_level(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
+    """Row: sum over n, p of open[k, i, n, p] w[k, i, n, p] = z[k, i]; it is used at one speed level."""
     return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for n, p in levels(k, model.P)) == model.z[k, i]
 
 
-def level_has_gap(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
+def level_has_opening(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
     """Row: sum over i of open[k, i, n, p] w[k, i, n, p] = at[k, n, p]."""
     return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for i in model.I) == model.at[k, n, p]
 

@@ -9,18 +9,18 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
-from sumo_hmdp.planning.gaps import gaps_of
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.milp import Shape
+from sumo_hmdp.planning.milp_data import Shape
 from sumo_hmdp.planning.milp_terms import LATERALS, MODES
+from sumo_hmdp.planning.openings import openings_of
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 FloatArray = NDArray[np.float64]
 
-# The windows' bounds by name in the model and in `Gaps`, and in which direction the model widens them.
+# The windows' bounds by name in the model and in `Openings`, and in which direction the model widens them.
 _BOUNDS = {"low": -1.0, "high": 1.0, "soft_low": 0.0, "soft_high": 0.0}
 
 # HiGHS proves wrong optima where coefficients lie about as near to whole numbers as its tolerances are small. So a
@@ -132,7 +132,7 @@ def _beyond_line(
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
-    needed = max(stage.gap_count for stage in corridors.stages)
+    needed = max(stage.opening_count for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
     terminal = problem.settings.preferences.terminal_weight > 0
     return Shape(
@@ -157,14 +157,14 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
     lane, move = np.zeros((H, width)), np.zeros((H, width, width))
     windows = {name: np.zeros(compiled.window_shape) for name in ("open", *_BOUNDS)}
-    steps = gaps_of(corridors, stopping=lattice.stopping)
-    for k, gaps in enumerate(steps):
-        before, count = gaps.moves.shape
-        lane[k, :count] = gaps.lane
-        move[k, :before, :count] = gaps.moves
-        windows["open"][k, :count] = gaps.open
+    steps = openings_of(corridors, stopping=lattice.stopping)
+    for k, openings in enumerate(steps):
+        before, count = openings.moves.shape
+        lane[k, :count] = openings.lane
+        move[k, :before, :count] = openings.moves
+        windows["open"][k, :count] = openings.open
         for name, direction in _BOUNDS.items():
-            windows[name][k, :count] = np.where(gaps.open, getattr(gaps, name) + direction * slack, 0.0)
+            windows[name][k, :count] = np.where(openings.open, getattr(openings, name) + direction * slack, 0.0)
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {
@@ -229,14 +229,14 @@ def start_values(
     z = np.zeros((shape.steps, shape.windows))
     for k, (mode, lateral) in enumerate(zip(sequence.modes, sequence.laterals, strict=True)):
         u[k, MODES.index(mode), LATERALS.index(lateral)] = 1.0
-        z[k, corridors.stages[k].gap[windows[k]]] = 1.0
+        z[k, corridors.stages[k].opening[windows[k]]] = 1.0
     speeds = np.array([motion.speed for motion in motions])
     excess = np.maximum(np.abs(speeds - preferences.desired_speed) - preferences.speed_deadband, 0.0)
     values = {"u": u, "z": z, "p": excess}
     if shape.levelled:
         w = np.zeros(compiled.window_shape)
         for k, (stage, window) in enumerate(zip(corridors.stages, windows, strict=True)):
-            w[k, stage.gap[window], stage.level[window] + shape.steps] = 1.0
+            w[k, stage.opening[window], stage.level[window] + shape.steps] = 1.0
         values |= {"w": w[compiled.window_mask], "at": w.sum(axis=1)[compiled.window_mask[:, 0]]}
     if shape.terminal:
         level = motions[-1].level + shape.steps

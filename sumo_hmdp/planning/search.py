@@ -16,8 +16,8 @@ from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
-from sumo_hmdp.planning.gaps import Gaps, gaps_of
 from sumo_hmdp.planning.lattice import EgoLattice
+from sumo_hmdp.planning.openings import Openings, openings_of
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
@@ -126,7 +126,7 @@ def search_best(
         corridors: carved with safe distances.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    steps = gaps_of(corridors, stopping=lattice.stopping)
+    steps = openings_of(corridors, stopping=lattice.stopping)
     _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     usable = _usable(problem, steps, tree, first)
@@ -147,22 +147,22 @@ def search_relaxed(
         corridors: carved with contact distances; the safe distances are their soft ends.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    steps = gaps_of(corridors, stopping=lattice.stopping)
+    steps = openings_of(corridors, stopping=lattice.stopping)
     _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     shortfall = []
     usable = _usable(problem, steps, tree, first)
-    for gaps, prefixes, inside in zip(steps, tree[1:], usable, strict=True):
+    for openings, prefixes, inside in zip(steps, tree[1:], usable, strict=True):
         point = prefixes.point[:, None]
-        beyond = point - gaps.at(gaps.soft_high, prefixes.level, prefixes.phase)
-        if gaps is steps[-1] and corridors.lines:
-            beyond = np.maximum(beyond, _stopping_points(problem, lattice, prefixes)[:, None] - gaps.stop_high)
-        behind = gaps.at(gaps.soft_low, prefixes.level, prefixes.phase) - point
+        beyond = point - openings.at(openings.soft_high, prefixes.level, prefixes.phase)
+        if openings is steps[-1] and corridors.lines:
+            beyond = np.maximum(beyond, _stopping_points(problem, lattice, prefixes)[:, None] - openings.stop_high)
+        behind = openings.at(openings.soft_low, prefixes.level, prefixes.phase) - point
         missing = np.maximum(behind, 0.0) + np.maximum(beyond, 0.0)
         shortfall.append(np.where(inside, missing, np.inf))
     to_here = [np.zeros((1, 1))]
-    for gaps, prefixes, missing in zip(steps, tree[1:], shortfall, strict=True):
-        arrive = np.where(gaps.moves, 0.0, np.inf)
+    for openings, prefixes, missing in zip(steps, tree[1:], shortfall, strict=True):
+        arrive = np.where(openings.moves, 0.0, np.inf)
         to_here.append((to_here[-1][prefixes.parent][:, :, None] + arrive).min(axis=1, initial=np.inf) + missing)
     least = to_here[-1].min(initial=np.inf)
     if not np.isfinite(least):
@@ -170,8 +170,8 @@ def search_relaxed(
     slack = DISTANCE_TOLERANCE / lattice.unit
     onward = [np.zeros_like(to_here[-1])]
     for k in range(lattice.steps - 1, 0, -1):
-        gaps, prefixes = steps[k], tree[k + 1]
-        leave = np.where(gaps.moves, 0.0, np.inf)
+        openings, prefixes = steps[k], tree[k + 1]
+        leave = np.where(openings.moves, 0.0, np.inf)
         best = (leave[None] + (shortfall[k] + onward[0])[:, None, :]).min(axis=2, initial=np.inf)
         ahead = np.full(to_here[k].shape, np.inf)
         np.minimum.at(ahead, prefixes.parent, best)
@@ -181,17 +181,17 @@ def search_relaxed(
     return _cheapest(problem, lattice, steps, tree, allowed)
 
 
-def _require_searchable(problem: DecisionProblem, steps: tuple[Gaps, ...]) -> None:
-    """Refuse what memory cannot hold: per step a number for every sequence of modes and pair of gaps.
+def _require_searchable(problem: DecisionProblem, steps: tuple[Openings, ...]) -> None:
+    """Refuse what memory cannot hold: per step a number for every sequence of modes and pair of openings.
 
-    Where there are few gaps, the sequences themselves take the most.
+    Where there are few openings, the sequences themselves take the most.
     """
     # How many sequences of modes end with each mode, speed limits aside.
     ways = {mode: int(mode == problem.ego.mode) for mode in Mode}
     largest = 0
-    for gaps in steps:
+    for openings in steps:
         ways = {mode: sum(count for before, count in ways.items() if abs(before - mode) <= 1) for mode in Mode}
-        largest = max(largest, 8 * sum(ways.values()) * max(gaps.moves.size, SEQUENCE_NUMBERS))
+        largest = max(largest, 8 * sum(ways.values()) * max(openings.moves.size, SEQUENCE_NUMBERS))
     if largest > TABLE_LIMIT:
         raise SearchTooLargeError(
             f"the search must make no table above {TABLE_LIMIT / 2**30:g} GiB, got {largest / 2**30:.1f} GiB "
@@ -200,10 +200,10 @@ def _require_searchable(problem: DecisionProblem, steps: tuple[Gaps, ...]) -> No
 
 
 def _usable(
-    problem: DecisionProblem, steps: tuple[Gaps, ...], tree: list[ModeTree], first: Maneuver | None
+    problem: DecisionProblem, steps: tuple[Openings, ...], tree: list[ModeTree], first: Maneuver | None
 ) -> list[BoolArray]:
-    """Tell per step which gaps each prefix may use, (P, G) each: it is inside of them, and the first is as asked."""
-    usable = [_inside(gaps, prefixes) for gaps, prefixes in zip(steps, tree[1:], strict=True)]
+    """Tell per step which openings each prefix may use, (P, W) each: it is inside, and the first is as asked."""
+    usable = [_inside(openings, prefixes) for openings, prefixes in zip(steps, tree[1:], strict=True)]
     if first is not None:
         usable[0] &= steps[0].lane == problem.ego.lane + first[0]
     return usable
@@ -214,50 +214,50 @@ def _stopping_points(problem: DecisionProblem, lattice: EgoLattice, prefixes: Mo
     return prefixes.point + stopping_distance(problem.settings, prefixes.speed, prefixes.mode) / lattice.unit
 
 
-def _inside(gaps: Gaps, prefixes: ModeTree) -> BoolArray:
-    """Tell which gaps each prefix is inside of at its speed level, (P, G)."""
+def _inside(openings: Openings, prefixes: ModeTree) -> BoolArray:
+    """Tell which openings each prefix is inside of at its speed level, (P, W)."""
     point = prefixes.point[:, None]
-    low, high = (gaps.at(bounds, prefixes.level, prefixes.phase) for bounds in (gaps.low, gaps.high))
+    low, high = (openings.at(bounds, prefixes.level, prefixes.phase) for bounds in (openings.low, openings.high))
     return (point >= low - UNIT_TOLERANCE) & (point <= high + UNIT_TOLERANCE)
 
 
 def _cheapest(
     problem: DecisionProblem,
     lattice: EgoLattice,
-    steps: tuple[Gaps, ...],
+    steps: tuple[Openings, ...],
     tree: list[ModeTree],
     allowed: list[BoolArray],
 ) -> ManeuverSequence | None:
-    """Return the cheapest sequence that only uses allowed gaps."""
+    """Return the cheapest sequence that only uses allowed openings."""
     preferences = problem.settings.preferences
     # Rows decelerate, cruise, accelerate.
     by_mode = np.array(preferences.maneuver_cost)[::-1]
     cost = np.zeros((1, 1))
     came_from: list[IntArray] = []
     lanes_before = np.array([problem.ego.lane])
-    for gaps, prefixes, usable in zip(steps, tree[1:], allowed, strict=True):
-        if not len(gaps.lane) or not len(prefixes.mode):
+    for openings, prefixes, usable in zip(steps, tree[1:], allowed, strict=True):
+        if not len(openings.lane) or not len(prefixes.mode):
             return None
-        lateral = np.clip(gaps.lane - lanes_before[:, None], -1, 1)
-        step_cost = np.where(gaps.moves, by_mode[:, lateral + 1], np.inf)
+        lateral = np.clip(openings.lane - lanes_before[:, None], -1, 1)
+        step_cost = np.where(openings.moves, by_mode[:, lateral + 1], np.inf)
         way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
         came_from.append(way.argmin(axis=1))
-        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, gaps.lane)
+        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, openings.lane)
         cost = np.where(usable, way.min(axis=1) + ends, np.inf)
-        lanes_before = gaps.lane
+        lanes_before = openings.lane
     last, leaves = steps[-1], tree[-1]
     if preferences.terminal_weight:
         table = preferences.terminal_weight * terminal_table(preferences, lattice, problem.road.lane_count)
         end = table[:, leaves.level + lattice.steps, leaves.phase, leaves.mode + 1]
         cost = cost + end[last.lane - 1].T
-    prefix, gap = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
-    if not np.isfinite(cost[prefix, gap]):
+    prefix, opening = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
+    if not np.isfinite(cost[prefix, opening]):
         return None
     modes, passed = [], []
     for k in range(lattice.steps, 0, -1):
         modes.append(Mode(int(tree[k].mode[prefix])))
-        passed.append(gap)
-        prefix, gap = int(tree[k].parent[prefix]), int(came_from[k - 1][prefix, gap])
-    lanes = [problem.ego.lane, *(int(s.lane[gap]) for s, gap in zip(steps, reversed(passed), strict=True))]
+        passed.append(opening)
+        prefix, opening = int(tree[k].parent[prefix]), int(came_from[k - 1][prefix, opening])
+    lanes = [problem.ego.lane, *(int(s.lane[opening]) for s, opening in zip(steps, reversed(passed), strict=True))]
     laterals = tuple(Lateral(b - a) for a, b in pairwise(lanes))
     return ManeuverSequence(laterals, tuple(reversed(modes)))

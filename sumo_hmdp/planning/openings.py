@@ -1,8 +1,9 @@
-"""The corridor graph as the solvers read it: by gap, and within a gap by speed level.
+"""The corridor graph as the solvers read it: by opening, and within an opening by speed level.
 
-Under a distance that depends on the ego's speed a step has windows for each speed level, a dozen times as many as
-there are gaps between branches. Which gap follows which does not depend on the speed, so both solvers choose gaps and
-look up the bounds of the one window that a gap has at a speed level.
+An opening is what lies between the same two neighbours in a lane state, whatever the ego's speed; a window is its
+stretch of x. Under a distance that depends on the ego's speed a step has windows for each speed level, a dozen times
+as many as openings. Which opening follows which does not depend on the speed, so both solvers choose openings and
+look up the one window that an opening has at a speed level.
 """
 
 from dataclasses import dataclass
@@ -16,17 +17,17 @@ from sumo_hmdp.planning.windows import BoolArray
 
 
 @dataclass(frozen=True)
-class Gaps:
-    """The G gaps of one step and their windows.
+class Openings:
+    """The W openings of one step and their windows.
 
-    Windows lie in arrays of shape (G, levels, phases); levels run from -H to H. Without speed levels both axes have
+    Windows lie in arrays of shape (W, levels, phases); levels run from -H to H. Without speed levels both axes have
     length 1.
 
     Attributes:
-        lane: (G,) lane that the ego intends there.
-        stop_high: (G,) upper end of where the ego may come to rest if it brakes from here.
-        moves: (G of the previous step, G) whether the ego may move between two gaps.
-        low: lower end of the window, infinite where a gap has none at a speed level.
+        lane: (W,) lane that the ego intends there.
+        stop_high: (W,) upper end of where the ego may come to rest if it brakes from here.
+        moves: (W of the previous step, W) whether the ego may move between two openings.
+        low: lower end of the window, infinite where an opening has none at a speed level.
         high: its upper end, then minus infinite.
         soft_low: lower end that keeps every safe distance, likewise.
         soft_high: upper end that keeps every safe distance, likewise.
@@ -44,18 +45,18 @@ class Gaps:
 
     @property
     def open(self) -> BoolArray:
-        """Which windows there are, shape (G, levels, phases)."""
+        """Which windows there are, shape (W, levels, phases)."""
         return np.isfinite(self.low)
 
     def at(self, bounds: FloatArray, level: IntArray, phase: IntArray) -> FloatArray:
-        """Return bounds of the windows at P speed levels, shape (P, G)."""
+        """Return bounds of the windows at P speed levels, shape (P, W)."""
         if not self.levelled:
             return bounds[:, 0, 0][None]
         return bounds[:, level + bounds.shape[1] // 2, phase].T
 
 
-def gaps_of(corridors: Corridors, *, stopping: bool) -> tuple[Gaps, ...]:
-    """Arrange the windows of each step by gap.
+def openings_of(corridors: Corridors, *, stopping: bool) -> tuple[Openings, ...]:
+    """Arrange the windows of each step by opening.
 
     Args:
         corridors: the corridor graph.
@@ -65,26 +66,26 @@ def gaps_of(corridors: Corridors, *, stopping: bool) -> tuple[Gaps, ...]:
     phases = 1 + stopping if corridors.levelled else 1
     found, before = [], np.zeros(1, dtype=np.int64)
     for stage in corridors.stages:
-        found.append(_arranged(stage, before, (stage.gap_count, levels, phases), levelled=corridors.levelled))
-        before = stage.gap
+        found.append(_arranged(stage, before, (stage.opening_count, levels, phases), levelled=corridors.levelled))
+        before = stage.opening
     return tuple(found)
 
 
-def _arranged(stage: Stage, before: IntArray, shape: tuple[int, int, int], *, levelled: bool) -> Gaps:
-    """Arrange one step, given the gap of each window of the step before."""
+def _arranged(stage: Stage, before: IntArray, shape: tuple[int, int, int], *, levelled: bool) -> Openings:
+    """Arrange one step, given the opening of each window of the step before."""
     lane, stop_high = np.zeros(shape[0], dtype=np.int64), np.zeros(shape[0])
-    lane[stage.gap], stop_high[stage.gap] = stage.lane, stage.stop_high
+    lane[stage.opening], stop_high[stage.opening] = stage.lane, stage.stop_high
     moves = np.zeros((1 + int(before.max(initial=-1)), shape[0]), dtype=bool)
     start, end = np.nonzero(stage.moves)
-    moves[before[start], stage.gap[end]] = True
-    place = (stage.gap, stage.level + shape[1] // 2, stage.phase)
+    moves[before[start], stage.opening[end]] = True
+    place = (stage.opening, stage.level + shape[1] // 2, stage.phase)
 
     def windows(bound: FloatArray, missing: float) -> FloatArray:
         array = np.full(shape, missing)
         array[place] = bound
         return array
 
-    return Gaps(
+    return Openings(
         lane=lane,
         stop_high=stop_high,
         moves=moves,
