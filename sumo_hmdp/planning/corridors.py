@@ -22,7 +22,17 @@ from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneStep, lane_steps, occupied_lanes
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
-from sumo_hmdp.planning.windows import BoolArray, Clearances, Cut, Level, Stretch, Traffic, merge, running
+from sumo_hmdp.planning.windows import (
+    BoolArray,
+    Clearances,
+    Cut,
+    Level,
+    Stretch,
+    Traffic,
+    farthest_points,
+    merge,
+    running,
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,8 @@ class Stage:
         state: (N,) index of the lane state.
         level: (N,) speed level that it holds for; all zero where `levelled` is false.
         phase: (N,) phase of that speed level.
+        opening: (N,) number of the opening whose window it is at its speed level: the same branches are behind it and
+            ahead, in the same lane state. Where `levelled` is false, each window is an opening of its own.
         low: (N,) lower end.
         high: (N,) upper end; low <= high.
         soft_low: (N,) lower end that keeps every safe distance; equals `low` unless distances are relaxed.
@@ -47,12 +59,18 @@ class Stage:
     state: IntArray
     level: IntArray
     phase: IntArray
+    opening: IntArray
     low: FloatArray
     high: FloatArray
     soft_low: FloatArray
     soft_high: FloatArray
     stop_high: FloatArray
     moves: BoolArray
+
+    @property
+    def opening_count(self) -> int:
+        """Number of openings."""
+        return 1 + int(self.opening.max(initial=-1))
 
 
 @dataclass(frozen=True)
@@ -106,14 +124,16 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         The graph; a step at which everything is taken has a stage without windows.
     """
     levelled = problem.settings.distance_hangs_on_speed
-    levels: list[list[Level]] = [lattice.levels(k + 1) if levelled else [(0, 0)] for k in range(lattice.steps)]
+    levels: list[dict[Level, tuple[float, float]]] = [
+        lattice.ranges[k] if levelled else {(0, 0): farthest_points(lattice, k + 1)} for k in range(lattice.steps)
+    ]
     lanes = lane_steps(problem)
     traffic = Traffic.of(problem, lattice, branches, distances, chain.from_iterable(levels))
     before = [traffic.start(problem, lanes[0])]
     stages: list[Stage] = []
     for k in range(lattice.steps):
         closed = _closed(problem, lanes[k + 1])
-        after = [traffic.cut(lattice, k, lanes[k + 1], closed, level) for level in levels[k]]
+        after = [traffic.cut(lattice, k, lanes[k + 1], closed, *level) for level in levels[k].items()]
         stages.append(_stage(before, after, lanes[k + 1]))
         before = after
     return Corridors(stages=tuple(stages), states=tuple(step.states for step in lanes), levelled=levelled)
@@ -138,6 +158,7 @@ def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
             state=cut.state,
             level=level,
             phase=phase,
+            opening=np.arange(len(cut.state)),
             low=low,
             high=high,
             soft_low=soft_low,
@@ -168,6 +189,7 @@ def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
         state=state,
         level=level,
         phase=phase,
+        opening=_openings(after, lanes)[columns] if len(after) > 1 else np.arange(len(columns)),
         low=low,
         high=high,
         soft_low=soft_low,
@@ -181,6 +203,19 @@ def _by_state(cuts: list[Cut]) -> IntArray:
     """Return the order of the windows of all speed levels of a step."""
     states = [cut.state for cut in cuts]
     return np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *states]), kind="stable")
+
+
+def _openings(cuts: list[Cut], lanes: LaneStep) -> IntArray:
+    """Number the openings of a step and return that of each window of each speed level in turn."""
+    found: list[tuple[int, int, bytes]] = []
+    for cut in cuts:
+        block = cut.block[lanes.footprint[cut.state]]
+        behind = (block >= 0) & (block < cut.number[:, None])
+        signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
+        found += zip(cut.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True)
+    # From behind to ahead in each lane state, as the windows are.
+    numbers = {opening: number for number, opening in enumerate(sorted(set(found)))}
+    return np.array([numbers[opening] for opening in found], dtype=np.int64)
 
 
 def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:

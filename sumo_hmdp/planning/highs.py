@@ -1,13 +1,13 @@
 """HiGHS under the Pyomo model: compiled once a shape, filled with numbers and solved once a decision.
 
 Every coefficient of the model is a constant or a constant times one datum (a fixed variable of
-`planning/milp.py`). Compiling reads this off the Pyomo expressions, so that filling in a decision is one sparse
+`planning/milp_data.py`). Compiling reads this off the Pyomo expressions, so that filling in a decision is one sparse
 matrix-vector product instead of a new Pyomo model.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import highspy
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pyomo.repn import generate_standard_repn
 from scipy import sparse
 
-from sumo_hmdp.planning.milp import Shape, build_model
+from sumo_hmdp.planning.milp import build_model
+from sumo_hmdp.planning.milp_data import Shape
 
 FloatArray = NDArray[np.float64]
 
@@ -88,6 +89,21 @@ class CompiledModel:
     integer: NDArray[np.bool_]
     kinds: tuple[Any, ...]
 
+    @property
+    def window_shape(self) -> tuple[int, int, int, int]:
+        """Steps, openings, speed levels, phases: of an array with a place for every window of the model, and more."""
+        shape = self.shape
+        if not shape.levelled:
+            return shape.steps, shape.windows, 1, 1
+        return shape.steps, shape.windows, 2 * shape.steps + 1, 1 + shape.stopping
+
+    @cached_property
+    def window_mask(self) -> NDArray[np.bool_]:
+        """Which places of such an array are windows: step k ends at most k speed levels from the present one."""
+        steps, levels = self.window_shape[0], self.window_shape[2]
+        near = np.abs(np.arange(levels) - levels // 2) <= np.arange(1, steps + 1)[:, None]
+        return np.broadcast_to(near[:, None, :, None], self.window_shape)
+
 
 class _AffineBuilder:
     """Collects entries of an affine vector."""
@@ -120,7 +136,7 @@ def _numbered(block: pyo.Block) -> tuple[dict[str, slice], list[Any]]:
     return places, variables
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=128)
 def compile_model(shape: Shape) -> CompiledModel:
     """Build the Pyomo model of a shape and read its coefficients off.
 

@@ -93,13 +93,25 @@ class EgoLattice:
         speed = self.speed_at(level, phase)
         return self.speed_min - SPEED_TOLERANCE <= speed <= self.speed_max + SPEED_TOLERANCE
 
-    def levels(self, step: int) -> list[tuple[int, int]]:
-        """Return every (level, phase) within the speed limits that step 1..H can end with, and perhaps more."""
-        found = [(level, 0) for level in range(-step, step + 1) if self.allows(level)]
-        if self.stopping and self.rest_share:
-            lowest = -self.levels_to_rest
-            found += [(level, 1) for level in range(lowest, lowest + step) if self.allows(level, 1)]
-        return found
+    @cached_property
+    def ranges(self) -> tuple[dict[tuple[int, int], tuple[float, float]], ...]:
+        """For each step 1..H the (level, phase) that it can end with, and between which points it then ends.
+
+        Speed limits are kept at every step; that the mode moves by one level a step is not looked at.
+        """
+        before, found = [Motion(0, 0, 0.0, self.speed)] * 2, []
+        for _ in range(self.steps):
+            reached: dict[tuple[int, int], list[Motion]] = {}
+            for motion in before:
+                for mode in (-1, 0, 1):
+                    after = self.advance(motion, mode)
+                    if self.allows(after.level, after.phase):
+                        reached.setdefault((after.level, after.phase), []).append(after)
+            # The point after a step grows with the point before it, so the ends of the ranges are enough.
+            ends = {key: sorted(motions, key=lambda motion: motion.point) for key, motions in reached.items()}
+            found.append({key: (motions[0].point, motions[-1].point) for key, motions in sorted(ends.items())})
+            before = [motion for motions in ends.values() for motion in (motions[0], motions[-1])]
+        return tuple(found)
 
     def drift(self, step: int) -> float:
         """Return where the ego is after k steps of cruising [m]."""

@@ -1,7 +1,8 @@
 """The decision as a mixed-integer linear program, written in Pyomo: one relation, one function.
 
-Columns: one-hot maneuvers u[k, mode, lateral], one-hot windows z[k, i], speed excess p[k]; where asked, the
-terminal cost and the slack of a relaxed plan. The ego's position is no column but its lattice point
+Columns: one-hot maneuvers u[k, mode, lateral], one-hot openings z[k, i], speed excess p[k]; where distances depend on
+speed, the window w[k, i, n, p] of the opening at speed level n; where asked, the terminal cost and the slack of a
+relaxed plan. The ego's position is no column but its lattice point
 s_k = sum over j <= k of (2 (k - j) + 1) mode_j, and a window holds it by two rows over the one-hot z (their
 convex hull, no big M).
 
@@ -10,46 +11,22 @@ bilinear on paper and linear once the data are fixed, and `planning/highs.py` ca
 which datum, so that the model is compiled once and re-solved for every decision.
 """
 
-from dataclasses import dataclass
-
 import pyomo.environ as pyo
 
+from sumo_hmdp.planning.milp_data import Shape, declare_columns, declare_data
 from sumo_hmdp.planning.milp_terms import (
     LATERALS,
     MODES,
     has_stopped,
     lattice_point,
+    levels,
     mode_is,
+    of_window,
     speed_gain,
     speed_gained,
     speed_level,
     total_violation,
 )
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What decides the rows and columns of the model.
-
-    Attributes:
-        steps: H.
-        windows: windows per step, the same for all; those that a decision lacks are closed.
-        lanes: of the road.
-        terminal: whether there is a terminal cost.
-        relaxed: whether distances may be violated at a price.
-        levelled: whether windows hold for one speed level only.
-        stopping: whether the ego may come to rest within a step.
-        lines: whether a stop line may matter.
-    """
-
-    steps: int
-    windows: int
-    lanes: int
-    terminal: bool
-    relaxed: bool
-    levelled: bool
-    stopping: bool
-    lines: bool = False
 
 
 def build_model(shape: Shape) -> pyo.ConcreteModel:
@@ -79,9 +56,11 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.one_stop = pyo.Constraint(rule=one_stop)
         model.stand_after_stop = pyo.Constraint(model.K, rule=stand_after_stop)
     if shape.levelled:
-        model.window_has_level = pyo.Constraint(model.K, rule=window_has_level)
-    if shape.levelled and shape.stopping:
-        model.window_has_phase = pyo.Constraint(model.K, rule=window_has_phase)
+        model.opening_has_level = pyo.Constraint(model.K, model.I, rule=opening_has_level)
+        model.level_has_opening = pyo.Constraint(model.speeds, rule=level_has_opening)
+        model.level_is_reached = pyo.Constraint(model.K, rule=level_is_reached)
+        model.phase_is_reached = pyo.Constraint(model.K, rule=phase_is_reached)
+        model.level_follows = pyo.Constraint(model.speeds, rule=level_follows)
     if shape.lines:
         model.stops_before_line = pyo.Constraint(model.N, rule=stops_before_line)
     if shape.terminal:
@@ -96,68 +75,6 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
         model.violation_cap = pyo.Constraint(rule=violation_cap)
     model.cost = pyo.Objective(rule=total_cost)
     return model
-
-
-def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
-    """Declare the data: variables that are fixed before a solve."""
-    K, I = model.K, model.I  # noqa: E741 - the index sets' usual names
-    data = model.data = pyo.Block()
-    model.N = pyo.RangeSet(-shape.steps, shape.steps)
-    data.maneuver_cost = pyo.Var(MODES, LATERALS)
-    data.may_accelerate = pyo.Var()
-    data.may_decelerate = pyo.Var()
-    data.start_lane = pyo.Var()
-    data.lane = pyo.Var(K, I)
-    data.lane_cost = pyo.Var(K, I)
-    data.low = pyo.Var(K, I)
-    data.high = pyo.Var(K, I)
-    data.start_move = pyo.Var(I)
-    data.move = pyo.Var([k for k in K if k > 1], I, I)
-    data.level_min = pyo.Var()
-    data.level_max = pyo.Var()
-    data.speed_step = pyo.Var()
-    data.speed_error = pyo.Var()
-    data.deadband = pyo.Var()
-    data.speed_weight = pyo.Var()
-    if shape.levelled:
-        data.window_level = pyo.Var(K, I)
-        data.window_phase = pyo.Var(K, I)
-    if shape.stopping:
-        data.may_stop = pyo.Var()
-        data.stands_at_start = pyo.Var()
-        data.lost_share = pyo.Var()
-        data.lost_speed = pyo.Var()
-        data.lost_share_squared = pyo.Var()
-    if shape.lines:
-        data.stop_high = pyo.Var(I)
-        data.braked = pyo.Var(model.N)
-        data.braked_slope = pyo.Var(model.N)
-        data.braked_less = pyo.Var(model.N)
-    if shape.terminal:
-        model.P = pyo.RangeSet(0, int(shape.stopping))
-        data.in_lane = pyo.Var(model.L, I)
-        data.terminal = pyo.Var(model.L, model.N, model.P, MODES)
-    if shape.relaxed:
-        data.soft_low = pyo.Var(K, I)
-        data.soft_high = pyo.Var(K, I)
-        data.violation_factor = pyo.Var()
-        data.violation_cap = pyo.Var()
-
-
-def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
-    """Declare the decision variables."""
-    model.u = pyo.Var(model.K, MODES, LATERALS, domain=pyo.Binary)
-    model.z = pyo.Var(model.K, model.I, domain=pyo.Binary)
-    model.p = pyo.Var(model.K, domain=pyo.NonNegativeReals)
-    if shape.terminal:
-        model.level = pyo.Var(model.N, model.P, domain=pyo.Binary)
-        model.end = pyo.Var(model.L, model.N, model.P, MODES, domain=pyo.NonNegativeReals)
-    if shape.stopping:
-        model.stop = pyo.Var(model.K, domain=pyo.Binary)
-        model.stand = pyo.Var(model.K, domain=pyo.Binary)
-    if shape.relaxed:
-        model.short_behind = pyo.Var(model.K, domain=pyo.NonNegativeReals)
-        model.short_ahead = pyo.Var(model.K, domain=pyo.NonNegativeReals)
 
 
 def rest_needs_braking(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -182,14 +99,34 @@ def stand_after_stop(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     return model.stand[k] <= before + model.data.stands_at_start
 
 
-def window_has_level(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: the window is one of the speed level n_k."""
-    return sum(model.data.window_level[k, i] * model.z[k, i] for i in model.I) == speed_level(model, k)
+def opening_has_level(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
+    """Row: sum over n, p of open[k, i, n, p] w[k, i, n, p] = z[k, i]; it is used at one speed level."""
+    return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for n, p in levels(k, model.P)) == model.z[k, i]
 
 
-def window_has_phase(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: the window is one of the phase."""
-    return sum(model.data.window_phase[k, i] * model.z[k, i] for i in model.I) == has_stopped(model, k)
+def level_has_opening(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
+    """Row: sum over i of open[k, i, n, p] w[k, i, n, p] = at[k, n, p]."""
+    return sum(model.data.open[k, i, n, p] * model.w[k, i, n, p] for i in model.I) == model.at[k, n, p]
+
+
+def level_is_reached(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: sum over n, p of n at[k, n, p] = n_k."""
+    return sum(n * model.at[k, n, p] for n, p in levels(k, model.P)) == speed_level(model, k)
+
+
+def phase_is_reached(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: sum over n of at[k, n, 1] tells whether the ego has stopped."""
+    if model.P.last() == 0:
+        return pyo.Constraint.Skip
+    return sum(model.at[k, n, 1] for n in range(-k, k + 1)) == has_stopped(model, k)
+
+
+def level_follows(model: pyo.ConcreteModel, k: int, n: int, p: int) -> pyo.Expression:
+    """Row: at[k, n, p] <= sum of at[k-1, m, q] with |m - n| <= 1, q <= p; implied for whole u, it tightens."""
+    if k == 1:
+        return pyo.Constraint.Skip
+    before = [(m, q) for m, q in levels(k - 1, model.P) if abs(m - n) <= 1 and q <= p]
+    return model.at[k, n, p] <= sum(model.at[k - 1, m, q] for m, q in before)
 
 
 def one_maneuver(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -239,12 +176,12 @@ def window_left(model: pyo.ConcreteModel, k: int, i: int) -> pyo.Expression:
 
 def not_behind_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: sum over i of low[k, i] z[k, i] <= s_k."""
-    return sum(model.data.low[k, i] * model.z[k, i] for i in model.I) <= lattice_point(model, k)
+    return of_window(model, model.data.low, k) <= lattice_point(model, k)
 
 
 def not_ahead_of_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: s_k <= sum over i of high[k, i] z[k, i]."""
-    return lattice_point(model, k) <= sum(model.data.high[k, i] * model.z[k, i] for i in model.I)
+    return lattice_point(model, k) <= of_window(model, model.data.high, k)
 
 
 def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
@@ -298,17 +235,12 @@ def end_phase_is_reached(model: pyo.ConcreteModel, phase: int) -> pyo.Expression
 
 def soft_behind(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: sum over i of soft_low[k, i] z[k, i] - short_behind_k <= s_k."""
-    return sum(model.data.soft_low[k, i] * model.z[k, i] for i in model.I) - model.short_behind[k] <= lattice_point(
-        model, k
-    )
+    return of_window(model, model.data.soft_low, k) - model.short_behind[k] <= lattice_point(model, k)
 
 
 def soft_ahead(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: s_k <= sum over i of soft_high[k, i] z[k, i] + short_ahead_k."""
-    return (
-        lattice_point(model, k)
-        <= sum(model.data.soft_high[k, i] * model.z[k, i] for i in model.I) + model.short_ahead[k]
-    )
+    return lattice_point(model, k) <= of_window(model, model.data.soft_high, k) + model.short_ahead[k]
 
 
 def violation_cap(model: pyo.ConcreteModel) -> pyo.Expression:

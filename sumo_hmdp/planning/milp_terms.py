@@ -1,5 +1,7 @@
 """Expressions of the decision's MILP: modes, speed levels and positions in terms of its columns."""
 
+from collections.abc import Iterable
+
 import pyomo.environ as pyo
 
 MODES = (1, 0, -1)
@@ -61,6 +63,18 @@ def lattice_point(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 def has_stopped(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Indicate that a stop happened in steps 1..k: phase 1."""
     return sum(model.stop[j] for j in range(1, k + 1))
+
+
+def levels(k: int, phases: Iterable[int]) -> list[tuple[int, int]]:
+    """List the speed levels and phases that step k may end with."""
+    return [(n, p) for n in range(-k, k + 1) for p in phases]
+
+
+def of_window(model: pyo.ConcreteModel, datum: pyo.Var, k: int) -> pyo.Expression:
+    """Return the datum of the window that step k ends in."""
+    if not hasattr(model, "w"):
+        return sum(datum[k, i] * model.z[k, i] for i in model.I)
+    return sum(datum[k, i, n, p] * model.w[k, i, n, p] for i in model.I for n, p in levels(k, model.P))
 
 
 def total_violation(model: pyo.ConcreteModel) -> pyo.Expression:

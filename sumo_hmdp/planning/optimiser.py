@@ -11,23 +11,17 @@ from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.milp import Shape
+from sumo_hmdp.planning.milp_data import Shape
 from sumo_hmdp.planning.milp_terms import LATERALS, MODES
+from sumo_hmdp.planning.openings import openings_of
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import farthest_stop, stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 FloatArray = NDArray[np.float64]
 
-# The windows' data by name in the model: attribute of `Stage`, and in which direction the model widens it.
-_BOUNDS = {
-    "low": ("low", -1.0),
-    "high": ("high", 1.0),
-    "soft_low": ("soft_low", 0.0),
-    "soft_high": ("soft_high", 0.0),
-    "window_level": ("level", 0.0),
-    "window_phase": ("phase", 0.0),
-}
+# The windows' bounds by name in the model and in `Openings`, and in which direction the model widens them.
+_BOUNDS = {"low": -1.0, "high": 1.0, "soft_low": 0.0, "soft_high": 0.0}
 
 # HiGHS proves wrong optima where coefficients lie about as near to whole numbers as its tolerances are small. So a
 # bound keeps away from the points it lets in: halfway to the next where positions are whole, and where the ego may stop
@@ -138,13 +132,15 @@ def _beyond_line(
 
 def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, relaxed: bool) -> Shape:
     """Return the least shape that holds the corridors."""
-    needed = max(len(stage.lane) for stage in corridors.stages)
+    needed = max(stage.opening_count for stage in corridors.stages)
     windows = next((count for count in WINDOW_COUNTS if count >= needed), needed)
+    terminal = problem.settings.preferences.terminal_weight > 0
     return Shape(
         steps=problem.settings.horizon_steps,
         windows=windows,
-        lanes=problem.road.lane_count,
-        terminal=problem.settings.preferences.terminal_weight > 0,
+        # Only the terminal cost has rows for each lane.
+        lanes=problem.road.lane_count if terminal else 1,
+        terminal=terminal,
         relaxed=relaxed,
         levelled=corridors.levelled,
         stopping=lattice.stopping,
@@ -159,15 +155,16 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     room = 2 * H
     tolerance = SPEED_TOLERANCE / lattice.speed_step
     slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
-    windows = {name: np.zeros((H, width)) for name in ("lane", "lane_cost", *_BOUNDS)}
-    move = np.zeros((H, width, width))
-    for k, stage in enumerate(corridors.stages):
-        count = len(stage.lane)
-        windows["lane"][k, :count] = stage.lane
-        for name, (attribute, direction) in _BOUNDS.items():
-            windows[name][k, :count] = getattr(stage, attribute) + direction * slack
-        move[k, : stage.moves.shape[0], :count] = stage.moves
-    windows["lane_cost"] = np.asarray(lane_cost(preferences, windows["lane"].astype(np.int64)))
+    lane, move = np.zeros((H, width)), np.zeros((H, width, width))
+    windows = {name: np.zeros(compiled.window_shape) for name in ("open", *_BOUNDS)}
+    steps = openings_of(corridors, stopping=lattice.stopping)
+    for k, openings in enumerate(steps):
+        before, count = openings.moves.shape
+        lane[k, :count] = openings.lane
+        move[k, :before, :count] = openings.moves
+        windows["open"][k, :count] = openings.open
+        for name, direction in _BOUNDS.items():
+            windows[name][k, :count] = np.where(openings.open, getattr(openings, name) + direction * slack, 0.0)
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {
@@ -183,7 +180,9 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         "maneuver_cost": preferences.maneuver_cost,
         "start_move": move[0, 0],
         "move": move[1:],
-        **windows,
+        "lane": lane,
+        "lane_cost": lane_cost(preferences, lane.astype(np.int64)),
+        **{name: of_windows[compiled.window_mask] for name, of_windows in windows.items()},
     }
     if shape.stopping:
         values["may_stop"] = lattice.rest_share > 0
@@ -194,14 +193,14 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     if shape.lines:
         # Beyond the farthest stop nothing is asked, neither of windows without a line nor of those that are not there.
         stop_high = np.full(width, farthest_stop(lattice) + 1.0)
-        last = corridors.stages[-1].stop_high + (0.0 if shape.relaxed else STOPPING_SLACK)
+        last = steps[-1].stop_high + (0.0 if shape.relaxed else STOPPING_SLACK)
         stop_high[: len(last)] = np.minimum(last, stop_high[: len(last)])
         speeds = lattice.speed / lattice.speed_step + np.arange(-H, H + 1)
         values["stop_high"] = stop_high
         values["braked"], values["braked_slope"] = speeds**2, 2 * speeds + 1
         values["braked_less"] = 2 * lattice.rest_share * (speeds + 1) - lattice.rest_share**2
     if shape.terminal:
-        values["in_lane"] = windows["lane"][-1] == np.arange(1, shape.lanes + 1)[:, None]
+        values["in_lane"] = lane[-1] == np.arange(1, shape.lanes + 1)[:, None]
         table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
         # The model has modes in the order accelerate, cruise, decelerate.
         values["terminal"] = table[:, :, :, ::-1]
@@ -230,10 +229,15 @@ def start_values(
     z = np.zeros((shape.steps, shape.windows))
     for k, (mode, lateral) in enumerate(zip(sequence.modes, sequence.laterals, strict=True)):
         u[k, MODES.index(mode), LATERALS.index(lateral)] = 1.0
-        z[k, windows[k]] = 1.0
+        z[k, corridors.stages[k].opening[windows[k]]] = 1.0
     speeds = np.array([motion.speed for motion in motions])
     excess = np.maximum(np.abs(speeds - preferences.desired_speed) - preferences.speed_deadband, 0.0)
     values = {"u": u, "z": z, "p": excess}
+    if shape.levelled:
+        w = np.zeros(compiled.window_shape)
+        for k, (stage, window) in enumerate(zip(corridors.stages, windows, strict=True)):
+            w[k, stage.opening[window], stage.level[window] + shape.steps] = 1.0
+        values |= {"w": w[compiled.window_mask], "at": w.sum(axis=1)[compiled.window_mask[:, 0]]}
     if shape.terminal:
         level = motions[-1].level + shape.steps
         ends = np.zeros((shape.lanes, 2 * shape.steps + 1, 1, len(MODES)))

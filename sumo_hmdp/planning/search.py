@@ -14,9 +14,10 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.corridors import Corridors, Stage
+from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.lattice import EgoLattice
+from sumo_hmdp.planning.openings import Openings, openings_of
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
@@ -127,13 +128,14 @@ def search_best(
         corridors: carved with safe distances.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    _require_searchable(problem, corridors)
+    steps = openings_of(corridors, stopping=lattice.stopping)
+    _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
-    usable = _usable(problem, corridors, tree, first)
+    usable = _usable(problem, steps, tree, first)
     if corridors.lines:
         stop = _stopping_points(problem, lattice, tree[-1])
-        usable[-1] &= stop[:, None] <= corridors.stages[-1].stop_high + UNIT_TOLERANCE
-    return _cheapest(problem, lattice, corridors, tree, usable)
+        usable[-1] &= stop[:, None] <= steps[-1].stop_high + UNIT_TOLERANCE
+    return _cheapest(problem, lattice, steps, tree, usable)
 
 
 def search_relaxed(
@@ -147,22 +149,22 @@ def search_relaxed(
         corridors: carved with contact distances; the safe distances are their soft ends.
         first: lateral action and mode to begin with; None leaves them open.
     """
-    _require_searchable(problem, corridors)
+    steps = openings_of(corridors, stopping=lattice.stopping)
+    _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     shortfall = []
-    usable = _usable(problem, corridors, tree, first)
-    for stage, prefixes, inside in zip(corridors.stages, tree[1:], usable, strict=True):
+    usable = _usable(problem, steps, tree, first)
+    for openings, prefixes, inside in zip(steps, tree[1:], usable, strict=True):
         point = prefixes.point[:, None]
-        missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(point - stage.soft_high, 0.0)
-        if stage is corridors.stages[-1] and corridors.lines:
-            beyond = np.maximum(
-                point - stage.soft_high, _stopping_points(problem, lattice, prefixes)[:, None] - stage.stop_high
-            )
-            missing = np.maximum(stage.soft_low - point, 0.0) + np.maximum(beyond, 0.0)
+        beyond = point - openings.at(openings.soft_high, prefixes.level, prefixes.phase)
+        if openings is steps[-1] and corridors.lines:
+            beyond = np.maximum(beyond, _stopping_points(problem, lattice, prefixes)[:, None] - openings.stop_high)
+        behind = openings.at(openings.soft_low, prefixes.level, prefixes.phase) - point
+        missing = np.maximum(behind, 0.0) + np.maximum(beyond, 0.0)
         shortfall.append(np.where(inside, missing, np.inf))
     to_here = [np.zeros((1, 1))]
-    for stage, prefixes, missing in zip(corridors.stages, tree[1:], shortfall, strict=True):
-        arrive = np.where(stage.moves, 0.0, np.inf)
+    for openings, prefixes, missing in zip(steps, tree[1:], shortfall, strict=True):
+        arrive = np.where(openings.moves, 0.0, np.inf)
         to_here.append((to_here[-1][prefixes.parent][:, :, None] + arrive).min(axis=1, initial=np.inf) + missing)
     least = to_here[-1].min(initial=np.inf)
     if not np.isfinite(least):
@@ -170,27 +172,26 @@ def search_relaxed(
     slack = DISTANCE_TOLERANCE / lattice.unit
     onward = [np.zeros_like(to_here[-1])]
     for k in range(lattice.steps - 1, 0, -1):
-        stage, prefixes = corridors.stages[k], tree[k + 1]
-        leave = np.where(stage.moves, 0.0, np.inf)
+        openings, prefixes = steps[k], tree[k + 1]
+        leave = np.where(openings.moves, 0.0, np.inf)
         best = (leave[None] + (shortfall[k] + onward[0])[:, None, :]).min(axis=2, initial=np.inf)
         ahead = np.full(to_here[k].shape, np.inf)
         np.minimum.at(ahead, prefixes.parent, best)
         onward.insert(0, ahead)
     # A window is on a least-violation path if what leads to it and what follows add up to no more than the least.
     allowed = [here + after <= least + slack for here, after in zip(to_here[1:], onward, strict=True)]
-    return _cheapest(problem, lattice, corridors, tree, allowed)
+    return _cheapest(problem, lattice, steps, tree, allowed)
 
 
-def _require_searchable(problem: DecisionProblem, corridors: Corridors) -> None:
-    """Refuse what memory cannot hold: per step a number for every sequence of modes and pair of windows.
+def _require_searchable(problem: DecisionProblem, steps: tuple[Openings, ...]) -> None:
+    """Refuse what memory cannot hold: per step a number for every sequence of modes and pair of openings.
 
-    Where there are few windows, the sequences themselves take the most.
+    Where there are few openings, the sequences themselves take the most.
     """
-    windows, largest = 1, 0
-    counts = _sequence_counts(problem.ego.mode, len(corridors.stages))
-    for stage, sequences in zip(corridors.stages, counts, strict=True):
-        largest = max(largest, 8 * sequences * max(windows * len(stage.lane), SEQUENCE_NUMBERS))
-        windows = len(stage.lane)
+    largest = 0
+    counts = _sequence_counts(problem.ego.mode, len(steps))
+    for openings, sequences in zip(steps, counts, strict=True):
+        largest = max(largest, 8 * sequences * max(openings.moves.size, SEQUENCE_NUMBERS))
     if largest > TABLE_LIMIT:
         raise SearchTooLargeError(
             f"the search must make no table above {TABLE_LIMIT / 2**30:g} GiB, got {largest / 2**30:.1f} GiB "
@@ -210,12 +211,12 @@ def _sequence_counts(start_mode: Mode, steps: int) -> tuple[int, ...]:
 
 
 def _usable(
-    problem: DecisionProblem, corridors: Corridors, tree: list[ModeTree], first: Maneuver | None
+    problem: DecisionProblem, steps: tuple[Openings, ...], tree: list[ModeTree], first: Maneuver | None
 ) -> list[BoolArray]:
-    """Tell per step which windows each prefix may use, (P, N) each: it is inside of them, and the first is as asked."""
-    usable = [_inside(stage, prefixes, corridors) for stage, prefixes in zip(corridors.stages, tree[1:], strict=True)]
+    """Tell per step which openings each prefix may use, (P, W) each: it is inside, and the first is as asked."""
+    usable = [_inside(openings, prefixes) for openings, prefixes in zip(steps, tree[1:], strict=True)]
     if first is not None:
-        usable[0] &= corridors.stages[0].lane == problem.ego.lane + first[0]
+        usable[0] &= steps[0].lane == problem.ego.lane + first[0]
     return usable
 
 
@@ -224,52 +225,50 @@ def _stopping_points(problem: DecisionProblem, lattice: EgoLattice, prefixes: Mo
     return prefixes.point + stopping_distance(problem.settings, prefixes.speed, prefixes.mode) / lattice.unit
 
 
-def _inside(stage: Stage, prefixes: ModeTree, corridors: Corridors) -> BoolArray:
-    """Tell which windows each prefix is inside of, (P, N)."""
+def _inside(openings: Openings, prefixes: ModeTree) -> BoolArray:
+    """Tell which openings each prefix is inside of at its speed level, (P, W)."""
     point = prefixes.point[:, None]
-    inside = (point >= stage.low - UNIT_TOLERANCE) & (point <= stage.high + UNIT_TOLERANCE)
-    if corridors.levelled:
-        inside &= (prefixes.level[:, None] == stage.level) & (prefixes.phase[:, None] == stage.phase)
-    return inside
+    low, high = (openings.at(bounds, prefixes.level, prefixes.phase) for bounds in (openings.low, openings.high))
+    return (point >= low - UNIT_TOLERANCE) & (point <= high + UNIT_TOLERANCE)
 
 
 def _cheapest(
     problem: DecisionProblem,
     lattice: EgoLattice,
-    corridors: Corridors,
+    steps: tuple[Openings, ...],
     tree: list[ModeTree],
     allowed: list[BoolArray],
 ) -> ManeuverSequence | None:
-    """Return the cheapest sequence that only uses allowed windows."""
+    """Return the cheapest sequence that only uses allowed openings."""
     preferences = problem.settings.preferences
     # Rows decelerate, cruise, accelerate.
     by_mode = np.array(preferences.maneuver_cost)[::-1]
     cost = np.zeros((1, 1))
     came_from: list[IntArray] = []
     lanes_before = np.array([problem.ego.lane])
-    for stage, prefixes, usable in zip(corridors.stages, tree[1:], allowed, strict=True):
-        if not len(stage.lane) or not len(prefixes.mode):
+    for openings, prefixes, usable in zip(steps, tree[1:], allowed, strict=True):
+        if not len(openings.lane) or not len(prefixes.mode):
             return None
-        lateral = np.minimum(np.maximum(stage.lane - lanes_before[:, None], -1), 1)
-        step_cost = np.where(stage.moves, by_mode[:, lateral + 1], np.inf)
+        lateral = np.minimum(np.maximum(openings.lane - lanes_before[:, None], -1), 1)
+        step_cost = np.where(openings.moves, by_mode[:, lateral + 1], np.inf)
         way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
         came_from.append(way.argmin(axis=1))
-        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, stage.lane)
+        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, openings.lane)
         cost = np.where(usable, way.min(axis=1) + ends, np.inf)
-        lanes_before = stage.lane
-    last, leaves = corridors.stages[-1], tree[-1]
+        lanes_before = openings.lane
+    last, leaves = steps[-1], tree[-1]
     if preferences.terminal_weight:
         table = preferences.terminal_weight * terminal_table(preferences, lattice, problem.road.lane_count)
         end = table[:, leaves.level + lattice.steps, leaves.phase, leaves.mode + 1]
         cost = cost + end[last.lane - 1].T
-    prefix, window = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
-    if not np.isfinite(cost[prefix, window]):
+    prefix, opening = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
+    if not np.isfinite(cost[prefix, opening]):
         return None
-    modes, windows = [], []
+    modes, passed = [], []
     for k in range(lattice.steps, 0, -1):
         modes.append(Mode(int(tree[k].mode[prefix])))
-        windows.append(window)
-        prefix, window = int(tree[k].parent[prefix]), int(came_from[k - 1][prefix, window])
-    lanes = [problem.ego.lane, *(int(s.lane[w]) for s, w in zip(corridors.stages, reversed(windows), strict=True))]
+        passed.append(opening)
+        prefix, opening = int(tree[k].parent[prefix]), int(came_from[k - 1][prefix, opening])
+    lanes = [problem.ego.lane, *(int(s.lane[opening]) for s, opening in zip(steps, reversed(passed), strict=True))]
     laterals = tuple(Lateral(b - a) for a, b in pairwise(lanes))
     return ManeuverSequence(laterals, tuple(reversed(modes)))

@@ -179,8 +179,16 @@ class Traffic:
         block = np.where(shares, is_ahead, -1)[None]
         return Cut((0, 0), order, block, zero, behind, one, np.zeros((4, 1)), np.full(1, np.inf))
 
-    def cut(self, lattice: EgoLattice, k: int, lanes: LaneStep, closed: FloatArray, level: Level) -> Cut:
-        """Merge the forbidden stretches at step index k into blocks and list the windows between them."""
+    def cut(
+        self,
+        lattice: EgoLattice,
+        k: int,
+        lanes: LaneStep,
+        closed: FloatArray,
+        level: Level,
+        reach: tuple[float, float],
+    ) -> Cut:
+        """Merge the forbidden stretches at step index k into blocks and list the windows between them, within reach."""
         hard, soft = self.stretches[lattice.speed_at(*level)]
         member: BoolArray = lanes.occupied @ self.occupied[:, k].T
         merged = merge(hard.low[:, k], hard.high[:, k], member)
@@ -206,7 +214,7 @@ class Traffic:
         ends[3] = np.minimum(ends[3], closed[state])
         if hard is soft:
             ends[1] = ends[3]
-        units = _clipped_units(lattice, k + 1, ends)
+        units = _clipped_units(lattice, k + 1, ends, reach)
         kept = np.flatnonzero(units[0] <= units[1])
         stop_high = np.full_like(closed, np.inf)
         if k + 1 == lattice.steps:
@@ -228,8 +236,8 @@ def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches,
     """
     steps = range(1, lattice.steps + 1)
     # One unit more, against rounding.
-    back = np.array([lattice.position_at(k, _reach(lattice, k)[0] - 1) for k in steps])
-    front = np.array([lattice.position_at(k, _reach(lattice, k)[1] + 1) for k in steps])
+    back = np.array([lattice.position_at(k, farthest_points(lattice, k)[0] - 1) for k in steps])
+    front = np.array([lattice.position_at(k, farthest_points(lattice, k)[1] + 1) for k in steps])
     begins_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[branches.vehicle]
     behind, ahead = ~begins_ahead, begins_ahead
     for stretch in stretches:
@@ -238,10 +246,10 @@ def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches,
     return np.flatnonzero(~(behind | ahead))
 
 
-def _clipped_units(lattice: EgoLattice, step: int, ends: FloatArray) -> FloatArray:
+def _clipped_units(lattice: EgoLattice, step: int, ends: FloatArray, reach: tuple[float, float]) -> FloatArray:
     """Return lower and upper ends of windows [m], in turn, as lattice units that the ego can reach."""
     units = lattice.to_units(step, ends)
-    back, front = _reach(lattice, step)
+    back, front = reach
     units[0::2] = np.maximum(units[0::2], back)
     units[1::2] = np.minimum(units[1::2], front)
     if not lattice.stopping:
@@ -250,7 +258,7 @@ def _clipped_units(lattice: EgoLattice, step: int, ends: FloatArray) -> FloatArr
     return units
 
 
-def _reach(lattice: EgoLattice, step: int) -> tuple[float, float]:
+def farthest_points(lattice: EgoLattice, step: int) -> tuple[float, float]:
     """Return the least and greatest lattice point within k steps; who stops is at most at rest all the time behind."""
     back = -float(step**2)
     if lattice.stopping:
