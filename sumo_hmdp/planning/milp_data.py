@@ -95,7 +95,7 @@ def declare_columns(model: pyo.ConcreteModel, shape: Shape) -> None:
     model.p = pyo.Var(model.K, domain=pyo.NonNegativeReals)
     if shape.levelled:
         model.w = pyo.Var(model.windows, domain=pyo.NonNegativeReals)
-        model.at = pyo.Var(model.speeds, domain=pyo.NonNegativeReals)
+        model.at = pyo.Var(model.speeds, domain=pyo.Binary)
     if shape.terminal:
         model.level = pyo.Var(model.N, model.P, domain=pyo.Binary)
         model.end = pyo.Var(model.L, model.N, model.P, MODES, domain=pyo.NonNegativeReals)
