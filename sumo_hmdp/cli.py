@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from sumo_hmdp import cli_compare, cli_planner, cli_report, cli_study, cli_watch
+from sumo_hmdp import cli_compare, cli_planner, cli_replay, cli_report, cli_study, cli_watch
 from sumo_hmdp.cli_study import INTERRUPTED
 from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
@@ -336,5 +336,5 @@ def list_all() -> None:
     typer.echo(f"solvers: {', '.join(SOLVERS)}")
 
 
-for commands in (cli_study, cli_report, cli_compare, cli_planner, cli_watch):
+for commands in (cli_study, cli_report, cli_replay, cli_compare, cli_planner, cli_watch):
     commands.add_commands(app)

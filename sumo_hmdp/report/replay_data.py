@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.report.replay_events import conflicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +65,7 @@ def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "
         decisions: one row per decision, in any order; may be empty.
 
     Returns:
-        JSON-ready data: `times_s`, `lanes`, `vehicles` with their columns, and `decisions` with plan,
+        JSON-ready data: `times_s`, `lanes`, `vehicles` with their columns, `conflicts`, and `decisions` with plan,
         branches and forbidden intervals.
 
     Raises:
@@ -78,7 +79,8 @@ def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "
         "period_s": _number(manifest.get("period_s"), _TIME_DECIMALS),
         "times_s": times,
         "vehicles": _vehicles(steps, times),
-        "decisions": _decisions(decisions),
+        "conflicts": conflicts(steps),
+        "decisions": decision_records(decisions),
     }
 
 
@@ -136,7 +138,7 @@ def _vehicle(vehicle_id: str, rows: dict[int, dict[str, Any]]) -> dict[str, Any]
     }
 
 
-def _decisions(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
+def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     """Return the decisions in the order of their times, their JSON columns opened."""
     if not len(decisions):
         return []

@@ -3,7 +3,8 @@ const GUTTER = 34;
 const TOP = 12;
 const AXIS = 26;
 const road = document.getElementById("road");
-const view = { span: 0, isFitted: true, horizon: 1, layers: { plan: true, branches: true, forbidden: true, labels: true } };
+// `anchor` is the x in the middle of the view while it does not follow the ego.
+const view = { span: 0, isFitted: true, horizon: 1, follow: true, anchor: 0, layers: { plan: true, branches: true, forbidden: true, labels: true } };
 
 function laneHeight() {
   const comfortable = road.clientWidth < 700 ? 54 : 62;
@@ -18,7 +19,7 @@ function roadFrame(cursor) {
   const perLane = laneHeight();
   const pxPerX = (width - GUTTER) / view.span;
   const pxPerY = perLane / lanes.width_m;
-  const left = focusX(cursor) - 0.34 * view.span;
+  const left = (view.follow ? focusX(cursor) : view.anchor) - 0.34 * view.span;
   const bottom = TOP + perLane * lanes.count;
   return {
     width, perLane, pxPerX, pxPerY, left, right: left + view.span, bottom,
