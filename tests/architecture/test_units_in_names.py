@@ -59,6 +59,11 @@ OPTIONS = {
     "metric",
     "by",
     "json",
+    "open",
+    # Of a film: a factor, frames a second, pixels.
+    "speed",
+    "fps",
+    "width",
 }
 OPTIONS |= {"install-completion", "show-completion"}
 

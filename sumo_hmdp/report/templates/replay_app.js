@@ -5,8 +5,12 @@ const stillness = matchMedia("(prefers-reduced-motion: reduce)");
 const darkness = matchMedia("(prefers-color-scheme: dark)");
 const app = { cursor: cursorAt(firstTime), playing: false, rate: 1, clock: 0, last: 0, decision: undefined, highlighted: null, drawn: [], queued: false, told: 0, drag: null };
 
+// A page that is not shown, such as in a closed dialog, has no width to draw on.
+const isShown = () => road.clientWidth > 0;
+
 function draw() {
   app.queued = false;
+  if (!isShown()) return;
   const decision = decisionAt(app.cursor.time);
   if (decision !== app.decision) changeDecision(decision);
   app.drawn = drawRoad(app.cursor, decision, app.highlighted).drawn;
@@ -22,6 +26,7 @@ function redraw() {
 }
 
 function redrawAll() {
+  if (!isShown()) return;
   plots.forEach((plot) => drawPlotBitmap(plot, app.highlighted));
   drawMarks();
   fillMarksKey();
@@ -281,7 +286,7 @@ function wirePage() {
   }
   let width = 0;
   new ResizeObserver(() => {
-    if (road.clientWidth === width) return;
+    if (road.clientWidth === width || !isShown()) return;
     if (view.isFitted) zoom(null);
     width = road.clientWidth;
     redrawAll();
