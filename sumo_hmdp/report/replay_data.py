@@ -48,6 +48,7 @@ DECISION_COLUMNS = (
     "branches_json",
     "forbidden_json",
 )
+BOUNDS = "bounds_json"
 # Decimals kept: millimetres for lengths, finer where a display derives from the number.
 _DECIMALS = {"x_m": 3, "y_m": 3, "heading_rad": 5, "speed_mps": 4, "accel_mps2": 4}
 _DECISION_DECIMALS = {"objective": 6, "violation_m": 6, "solve_time_ms": 3, "pruned_prob": 8}
@@ -143,9 +144,12 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     if not len(decisions):
         return []
     problems: list[Problem] = []
+    if BOUNDS not in decisions.columns:
+        # Results of before this column was written say nothing of it.
+        decisions = decisions.assign(**{BOUNDS: None})
     records = [
         _decision(row, f"decisions[{position}]", problems)
-        for position, row in enumerate(_rows(decisions, DECISION_COLUMNS))
+        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS)))
     ]
     if problems:
         raise InputError(problems, source="replay")
@@ -162,13 +166,17 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
     record |= {name: _text(row[name]) for name in ("status", "reason", "lateral", "mode", "solver")}
     record |= {name: _number(row[name], decimals) for name, decimals in _DECISION_DECIMALS.items()}
     opened = {}
-    for name in ("plan_json", "branches_json", "forbidden_json"):
+    for name in ("plan_json", "branches_json", "forbidden_json", BOUNDS):
         opened[name], problem = _opened(row[name])
         if problem:
             problems.append(Problem(f"{path}.{name}", problem))
     record["plan"] = [
         _rounded(entry, {"x_m": 3, "speed_mps": 4}, ("step", "lateral", "mode", "lane"))
         for entry in opened["plan_json"]
+    ]
+    record["bounds"] = [
+        _rounded(entry, {"room_m": 3, "probability": 6, "x_m": 3, "distance_m": 3}, ("step", "side", "vehicle_id"))
+        for entry in opened[BOUNDS]
     ]
     record["branches"] = [_branch(entry) for entry in opened["branches_json"]]
     record["forbidden"] = [

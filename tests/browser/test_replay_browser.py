@@ -207,30 +207,27 @@ def test_the_slider_itself_moves_the_vehicles(page, steps):
         assert state["vehicles"][vehicle_id]["x_m"] == round(row["x_m"], 3)
 
 
-def test_what_bounds_the_plan_by_hand(open_page, tmp_path, manifest, steps, decisions):
-    """The plan is at 100 m in lane 2; a branch at 130 m forbids from 110 m on, one at 60 m up to 95 m."""
+def test_what_bounds_the_plan_is_told(open_page, tmp_path, manifest, steps, decisions):
     plan = [{"step": 1, "lateral": "keep", "mode": "cruise", "lane": 2, "x_m": 100.0, "speed_mps": 20.0}]
-    shape = {"probability": 0.5, "lanes": [2], "modes": ["cruise"], "y_m": [0.0], "x_std_m": [1.0], "y_std_m": [0.1]}
-    branches = [
-        {"vehicle_id": "car_01", "x_m": [130.0], **shape},
-        {"vehicle_id": "car_02", "x_m": [60.0], **shape},
-        {"vehicle_id": "car_03", "x_m": [125.0], **shape, "y_m": [4.0]},
-    ]
-    blocks = [
-        {"step": 1, "lane": 2, "x_from_m": 110.0, "x_to_m": 150.0},
-        {"step": 1, "lane": 2, "x_from_m": 30.0, "x_to_m": 95.0},
-        {"step": 1, "lane": 1, "x_from_m": 99.0, "x_to_m": 101.0},
-    ]
-    texts = {"plan_json": plan, "branches_json": branches, "forbidden_json": blocks}
-    one = decisions.head(1).assign(status="optimal", **{name: json.dumps(value) for name, value in texts.items()})
-    page = open_page(write_replay(tmp_path / "bound.html", manifest, steps, one))
+    behind = {"step": 1, "side": "behind", "room_m": 5.0, "vehicle_id": "car_02", "probability": 0.5}
+    line = {"step": 1, "side": "ahead", "room_m": -2.0, "vehicle_id": "stop line", "probability": None}
+    bounds = [behind | {"x_m": 60.0, "distance_m": 35.0}, line | {"x_m": 110.0, "distance_m": 12.0}]
 
-    assert page.inner_text(".bound") == (
-        "Tightest at step 1 (0.60 s), lane 2: 5.0 m are left to what is forbidden behind for car_02, whose branch of "
-        "50 % is 40.0 m away."
+    def told(name, bounds):
+        texts = {"plan_json": json.dumps(plan), "bounds_json": json.dumps(bounds)}
+        one = decisions.head(1).assign(status="optimal", **texts)
+        page = open_page(write_replay(tmp_path / f"{name}.html", manifest, steps, one))
+        return page.inner_text(".bound"), page.locator(".plan-table tbody tr td").all_inner_texts()[-2:]
+
+    assert told("line", bounds) == (
+        "Tightest at step 1 (0.60 s), lane 2: 2.0 m are missing to a stop line 10.0 m away, of 12.0 m asked for.",
+        ["5.0", "-2.0"],
     )
-    row = page.locator(".plan-table tbody tr td").all_inner_texts()
-    assert row[-2:] == ["5.0", "10.0"]
+    assert told("car", bounds[:1]) == (
+        "Tightest at step 1 (0.60 s), lane 2: 5.0 m are left to car_02 behind, whose branch of 50 % is 40.0 m away, of "
+        "35.0 m asked for.",
+        ["5.0", "free"],
+    )
 
 
 def test_dragging_the_road_looks_elsewhere_until_the_ego_is_followed_again(page):

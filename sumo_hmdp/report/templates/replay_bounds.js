@@ -1,48 +1,22 @@
-// What bounds a plan: the forbidden stretches beside it, and whose predicted branch each of them ends with.
+// What bounds the plan: per step and side the branch, or stop line, that leaves it the least room.
+const boundAt = (decision, step, side) => decision.bounds.find((bound) => bound.step === step && bound.side === side) ?? null;
 
-// Of the branches whose mean lies in a stretch, the last one towards the end in question made that end.
-function makerOf(decision, step, lane, stretch, isUpperEnd) {
-  const inside = decision.branches.filter((branch) => {
-    const [x, y] = [branch.x_m[step - 1], branch.y_m[step - 1]];
-    return x !== undefined && x >= stretch.from && x <= stretch.to && Math.abs(y - laneY(lane)) < 0.9 * lanes.width_m;
-  });
-  const sign = isUpperEnd ? 1 : -1;
-  return inside.sort((a, b) => sign * (b.x_m[step - 1] - a.x_m[step - 1]))[0] ?? null;
-}
-
-// The free window of the plan's lane around the plan at one step; an end is null where nothing bounds it. A plan inside
-// a forbidden stretch has negative room to that stretch's nearer end.
-function windowAround(decision, entry) {
-  const found = { behind: null, ahead: null };
-  for (const stretch of forbiddenUnions(decision, entry.step)) {
-    if (stretch.lane !== entry.lane) continue;
-    const isAhead = stretch.to > entry.x_m && (stretch.from >= entry.x_m || entry.x_m - stretch.from <= stretch.to - entry.x_m);
-    const side = isAhead ? "ahead" : "behind";
-    const room = isAhead ? stretch.from - entry.x_m : entry.x_m - stretch.to;
-    if (found[side] && found[side].room <= room) continue;
-    found[side] = { room, maker: makerOf(decision, entry.step, entry.lane, stretch, !isAhead) };
-  }
-  return found;
-}
-
-function tightest(decision) {
-  let least = null;
-  for (const entry of decision.plan) {
-    for (const [side, end] of Object.entries(windowAround(decision, entry))) {
-      if (end && (!least || end.room < least.room)) least = { ...end, side, entry };
-    }
-  }
-  return least;
+function roomText(decision, step, side) {
+  if (!decision.bounds.length) return "–";
+  const bound = boundAt(decision, step, side);
+  return bound ? fixed(bound.room_m, 1) : "free";
 }
 
 function boundText(decision) {
   if (!decision.plan.length) return decision.status === "rule" ? "A rule decides from the present gaps and plans nothing." : "There is no plan to bound.";
-  const least = tightest(decision);
-  if (!least) return "Nothing forbidden in the lanes of the plan: its costs alone shape it.";
-  const { entry, maker, side } = least;
-  const time = horizonTime(decision, entry.step);
-  const where = `step ${entry.step}${time === null ? "" : ` (${time.toFixed(2)} s)`}, lane ${entry.lane}`;
-  const who = maker ? `${maker.vehicle_id}, whose branch of ${Number((100 * maker.probability).toPrecision(2))} % is ${Math.abs(maker.x_m[entry.step - 1] - entry.x_m).toFixed(1)} m away` : "a stop line or a branch that is not drawn";
-  const much = least.room < 0 ? `${(-least.room).toFixed(1)} m are missing` : `${least.room.toFixed(1)} m are left`;
-  return `Tightest at ${where}: ${much} to what is forbidden ${side} for ${who}.`;
+  if (!decision.bounds.length) return "Nobody shares a lane with the plan: its costs alone shape it.";
+  const least = decision.bounds.reduce((a, b) => (b.room_m < a.room_m ? b : a));
+  const entry = decision.plan.find(({ step }) => step === least.step);
+  const time = horizonTime(decision, least.step);
+  const where = `step ${least.step}${time === null ? "" : ` (${time.toFixed(2)} s)`}, lane ${entry.lane}`;
+  const much = least.room_m < 0 ? `${(-least.room_m).toFixed(1)} m are missing` : `${least.room_m.toFixed(1)} m are left`;
+  const asked = `${Math.abs(least.x_m - entry.x_m).toFixed(1)} m away, of ${least.distance_m.toFixed(1)} m asked for`;
+  if (least.probability === null) return `Tightest at ${where}: ${much} to a stop line ${asked}.`;
+  const branch = `branch of ${Number((100 * least.probability).toPrecision(2))} %`;
+  return `Tightest at ${where}: ${much} to ${least.vehicle_id} ${least.side}, whose ${branch} is ${asked}.`;
 }

@@ -47,17 +47,14 @@ function factsOf(decision) {
     fact("Pruned prob.", significant(decision.pruned_prob)));
 }
 
-const room = (end) => (end === null ? "free" : fixed(end.room, 1));
-
 function planTable(decision, onStep) {
   if (!decision.plan.length) return make("p", { className: "empty" }, "This decision has no plan.");
   const rows = decision.plan.map((entry) => {
-    const window = windowAround(decision, entry);
     const choose = make("button", { type: "button" }, entry.step);
     choose.setAttribute("aria-label", `Show horizon step ${entry.step}`);
     const row = make("tr", {}, make("td", {}, choose), cell(fixed(horizonTime(decision, entry.step), 2)),
       cell(entry.lateral ?? "–", "word"), cell(entry.mode ?? "–", "word"), cell(entry.lane ?? "–"),
-      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)), cell(room(window.behind)), cell(room(window.ahead)));
+      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)), cell(roomText(decision, entry.step, "behind")), cell(roomText(decision, entry.step, "ahead")));
     row.dataset.step = entry.step;
     row.addEventListener("click", () => onStep(entry.step));
     return row;
