@@ -144,8 +144,9 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     if not len(decisions):
         return []
     problems: list[Problem] = []
-    if BOUNDS not in decisions.columns:
-        # Results of before this column was written say nothing of it.
+    # Results of before this column was written say nothing of it.
+    known = BOUNDS in decisions.columns
+    if not known:
         decisions = decisions.assign(**{BOUNDS: None})
     records = [
         _decision(row, f"decisions[{position}]", problems)
@@ -153,6 +154,8 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     ]
     if problems:
         raise InputError(problems, source="replay")
+    if not known:
+        records = [record | {"bounds": None} for record in records]
     return sorted(records, key=lambda record: (record["time_s"], record["decision_index"]))
 
 

@@ -216,6 +216,7 @@ def test_what_bounds_the_plan_is_told(open_page, tmp_path, manifest, steps, deci
     def told(name, bounds):
         texts = {"plan_json": json.dumps(plan), "bounds_json": json.dumps(bounds)}
         one = decisions.head(1).assign(status="optimal", **texts)
+        one = one.drop(columns="bounds_json") if bounds is None else one
         page = open_page(write_replay(tmp_path / f"{name}.html", manifest, steps, one))
         return page.inner_text(".bound"), page.locator(".plan-table tbody tr td").all_inner_texts()[-2:]
 
@@ -223,11 +224,17 @@ def test_what_bounds_the_plan_is_told(open_page, tmp_path, manifest, steps, deci
         "Tightest at step 1 (0.60 s), lane 2: 2.0 m are missing to a stop line 10.0 m away, of 12.0 m asked for.",
         ["5.0", "-2.0"],
     )
-    assert told("car", bounds[:1]) == (
-        "Tightest at step 1 (0.60 s), lane 2: 5.0 m are left to car_02 behind, whose branch of 50 % is 40.0 m away, of "
-        "35.0 m asked for.",
-        ["5.0", "free"],
+    words, rooms = told("car", bounds[:1])
+    assert words.startswith(
+        "Tightest at step 1 (0.60 s), lane 2: 5.0 m are left to car_02 behind, whose branch of 50 %"
     )
+    assert words.endswith("is 40.0 m away, of 35.0 m asked for.")
+    assert rooms == ["5.0", "free"]
+    assert told("none", []) == ("Nobody shares a lane with the plan: its costs alone shape it.", ["free", "free"])
+    # A table of before the column was written must not read as if nobody were there.
+    words, rooms = told("old", None)
+    assert words.startswith("What bounds the plan was not recorded")
+    assert rooms == ["–", "–"]  # noqa: RUF001 - the dash of tables
 
 
 def test_dragging_the_road_looks_elsewhere_until_the_ego_is_followed_again(page):

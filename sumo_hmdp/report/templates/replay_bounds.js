@@ -2,13 +2,14 @@
 const boundAt = (decision, step, side) => decision.bounds.find((bound) => bound.step === step && bound.side === side) ?? null;
 
 function roomText(decision, step, side) {
-  if (!decision.bounds.length) return "–";
+  if (!decision.bounds) return "–";
   const bound = boundAt(decision, step, side);
   return bound ? fixed(bound.room_m, 1) : "free";
 }
 
 function boundText(decision) {
   if (!decision.plan.length) return decision.status === "rule" ? "A rule decides from the present gaps and plans nothing." : "There is no plan to bound.";
+  if (!decision.bounds) return "What bounds the plan was not recorded: these results are of an earlier version.";
   if (!decision.bounds.length) return "Nobody shares a lane with the plan: its costs alone shape it.";
   const least = decision.bounds.reduce((a, b) => (b.room_m < a.room_m ? b : a));
   const entry = decision.plan.find(({ step }) => step === least.step);
