@@ -87,7 +87,8 @@ def stored_run(folder: Path, run_id: str) -> StoredRun:
     if not known:
         raise InputError([f"{folder} must be a results directory with runs, got none. Check the path"])
     near = difflib.get_close_matches(run_id, known, n=NAMED, cutoff=0.0)
-    raise InputError([f"RUN_ID: must be a run in {folder}, got {run_id!r}; did you mean {' or '.join(near)}?"])
+    named = " or ".join(f"`{one}`" for one in near)
+    raise InputError([f"RUN_ID: must be a run in {folder}, got {run_id!r}; did you mean {named}?"])
 
 
 def run_again(run: StoredRun, on_moment: Callable[[Moment], None] | None = None) -> RunRecord:

@@ -4,7 +4,7 @@ import shutil
 
 import pandas as pd
 import pytest
-from pyarrow import dataset
+from pyarrow import dataset, parquet
 
 import sumo_hmdp
 from sumo_hmdp.errors import InputError, SumoHmdpError
@@ -133,9 +133,11 @@ def test_a_full_disk_leaves_what_was_there(filled, tiny, tables, monkeypatch):
 
 
 def damage(file):
-    """Flip bytes in the middle: the file's end, with its table of contents, stays as it was."""
+    """Flip the last bytes of a column's values: the file's end, with its table of contents, stays as it was."""
+    column = parquet.ParquetFile(file).metadata.row_group(0).column(0)
+    end = (column.dictionary_page_offset or column.data_page_offset) + column.total_compressed_size
     content = bytearray(file.read_bytes())
-    for at in range(len(content) // 4, len(content) // 4 + 40):
+    for at in range(end - 4, end):
         content[at] ^= 0xFF
     file.write_bytes(bytes(content))
 
