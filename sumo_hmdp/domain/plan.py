@@ -89,6 +89,29 @@ class ForbiddenInterval:
 
 
 @dataclass(frozen=True)
+class PlanBound:
+    """What bounds a plan at one step on one side: of all branches that share a lane with it, the tightest.
+
+    Attributes:
+        step: 1..H.
+        ahead: whether the branch is ahead of the plan.
+        room: how far the plan could go that way before it would be too near, negative where that is missing [m].
+        vehicle_id: whose branch it is; `stop line` where it is one.
+        probability: of the branch, None for a stop line.
+        x: mean of the branch's front bumper, or the line [m].
+        distance: that is asked for at the plan's speed, margin included; before a line, the way to rest [m].
+    """
+
+    step: int
+    ahead: bool
+    room: float
+    vehicle_id: str
+    probability: float | None
+    x: float
+    distance: float
+
+
+@dataclass(frozen=True)
 class Command:
     """What the vehicle is told to do until the next decision.
 
@@ -157,6 +180,10 @@ class Evidence(Protocol):
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:
         """Return the forbidden intervals of the lanes."""
+        ...
+
+    def bounds(self) -> tuple[PlanBound, ...]:
+        """Return what bounds the plan at each step, ahead and behind; empty where there is no plan."""
         ...
 
     def problem_json(self) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
-from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PredictedBranch
+from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PlanBound, PredictedBranch
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
@@ -19,6 +19,7 @@ from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
+from sumo_hmdp.planning.plan_bounds import plan_bounds
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
 
@@ -213,6 +214,10 @@ class HmdpEvidence:
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:
         """Return what is forbidden in each lane taken alone, at the ego's present speed."""
         return forbidden_intervals(self.problem, self.answer.lattice, self.answer.branches, self.answer.margin)
+
+    def bounds(self) -> tuple[PlanBound, ...]:
+        """Return what bounds the plan at each step, ahead and behind."""
+        return tuple(plan_bounds(self.problem, self.answer))
 
     def problem_json(self) -> str:
         """Return the problem in its file form."""

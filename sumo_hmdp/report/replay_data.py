@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.report.replay_events import conflicts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,6 +48,7 @@ DECISION_COLUMNS = (
     "branches_json",
     "forbidden_json",
 )
+BOUNDS = "bounds_json"
 # Decimals kept: millimetres for lengths, finer where a display derives from the number.
 _DECIMALS = {"x_m": 3, "y_m": 3, "heading_rad": 5, "speed_mps": 4, "accel_mps2": 4}
 _DECISION_DECIMALS = {"objective": 6, "violation_m": 6, "solve_time_ms": 3, "pruned_prob": 8}
@@ -64,7 +66,7 @@ def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "
         decisions: one row per decision, in any order; may be empty.
 
     Returns:
-        JSON-ready data: `times_s`, `lanes`, `vehicles` with their columns, and `decisions` with plan,
+        JSON-ready data: `times_s`, `lanes`, `vehicles` with their columns, `conflicts`, and `decisions` with plan,
         branches and forbidden intervals.
 
     Raises:
@@ -78,7 +80,8 @@ def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "
         "period_s": _number(manifest.get("period_s"), _TIME_DECIMALS),
         "times_s": times,
         "vehicles": _vehicles(steps, times),
-        "decisions": _decisions(decisions),
+        "conflicts": conflicts(steps),
+        "decisions": decision_records(decisions),
     }
 
 
@@ -136,17 +139,23 @@ def _vehicle(vehicle_id: str, rows: dict[int, dict[str, Any]]) -> dict[str, Any]
     }
 
 
-def _decisions(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
+def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     """Return the decisions in the order of their times, their JSON columns opened."""
     if not len(decisions):
         return []
     problems: list[Problem] = []
+    # Results of before this column was written say nothing of it.
+    known = BOUNDS in decisions.columns
+    if not known:
+        decisions = decisions.assign(**{BOUNDS: None})
     records = [
         _decision(row, f"decisions[{position}]", problems)
-        for position, row in enumerate(_rows(decisions, DECISION_COLUMNS))
+        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS)))
     ]
     if problems:
         raise InputError(problems, source="replay")
+    if not known:
+        records = [record | {"bounds": None} for record in records]
     return sorted(records, key=lambda record: (record["time_s"], record["decision_index"]))
 
 
@@ -160,13 +169,17 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
     record |= {name: _text(row[name]) for name in ("status", "reason", "lateral", "mode", "solver")}
     record |= {name: _number(row[name], decimals) for name, decimals in _DECISION_DECIMALS.items()}
     opened = {}
-    for name in ("plan_json", "branches_json", "forbidden_json"):
+    for name in ("plan_json", "branches_json", "forbidden_json", BOUNDS):
         opened[name], problem = _opened(row[name])
         if problem:
             problems.append(Problem(f"{path}.{name}", problem))
     record["plan"] = [
         _rounded(entry, {"x_m": 3, "speed_mps": 4}, ("step", "lateral", "mode", "lane"))
         for entry in opened["plan_json"]
+    ]
+    record["bounds"] = [
+        _rounded(entry, {"room_m": 3, "probability": 6, "x_m": 3, "distance_m": 3}, ("step", "side", "vehicle_id"))
+        for entry in opened[BOUNDS]
     ]
     record["branches"] = [_branch(entry) for entry in opened["branches_json"]]
     record["forbidden"] = [

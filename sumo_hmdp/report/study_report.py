@@ -27,6 +27,7 @@ from sumo_hmdp.report.study_figures import (
 )
 from sumo_hmdp.report.study_parameters import parameter_table, traffic_table, version_table
 from sumo_hmdp.report.study_prediction import prediction_figure, prediction_tables, predictions
+from sumo_hmdp.report.study_replays import StudyReplay, study_replays
 from sumo_hmdp.report.study_svg import inline, svg_of
 from sumo_hmdp.report.study_table import StudyTable
 from sumo_hmdp.report.study_tables import (
@@ -37,6 +38,7 @@ from sumo_hmdp.report.study_tables import (
     distribution_frame,
     distribution_table,
     ledger_table,
+    worst_runs,
     worst_table,
 )
 from sumo_hmdp.report.study_traces import TracedCell, traced_cells
@@ -73,11 +75,13 @@ class StudyReport:
         data: of the study.
         verdict: sentences.
         sections: in order, the verdict first.
+        replays: the pages that it carries in itself.
     """
 
     data: StudyData
     verdict: tuple[str, ...]
     sections: tuple[Section, ...]
+    replays: tuple[StudyReplay, ...] = ()
 
 
 def study_report(folder: Path, page: Path) -> StudyReport:
@@ -96,6 +100,8 @@ def study_report(folder: Path, page: Path) -> StudyReport:
     audit = audit_study(data, traced, untraced)
     cells, spread, decisions = cell_frame(data), distribution_frame(data), decision_frame(data)
     verdict = (*sentences(data, findings), *audit_sentences(audit))
+    worst = worst_runs(data)
+    replays = study_replays(data.folder, worst["run_id"])
     timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
     sections = (
         Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
@@ -113,14 +119,17 @@ def study_report(folder: Path, page: Path) -> StudyReport:
             "decisions", "Decision times and statuses", (), (decision_figure(decisions),) if timed else (),
             (decision_table(decisions),),
         ),
-        Section("worst", "Runs to look at first", tables=(worst_table(data, page),)),
+        Section(
+            "worst", "Runs to look at first", replays.notes,
+            tables=(worst_table(data, page, worst, replays.run_ids),),
+        ),
         Section("ledger", "Failures", tables=(ledger_table(data, page),)),
         Section(
             "parameters", "Parameters and versions",
             tables=(traffic_table(data), parameter_table(data), version_table(data)), folded=True,
         ),
     )  # fmt: skip
-    return StudyReport(data, verdict, sections)
+    return StudyReport(data, verdict, sections, replays.pages)
 
 
 def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell]) -> Iterator[Section]:
@@ -212,7 +221,10 @@ def render(report: StudyReport, drawn: dict[str, str]) -> str:
         loader=PackageLoader("sumo_hmdp.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    style = (resources.files("sumo_hmdp.report") / "templates" / "study_report.css").read_text(encoding="utf-8")
+    style, *scripts = (
+        (resources.files("sumo_hmdp.report") / "templates" / name).read_text(encoding="utf-8")
+        for name in ("study_report.css", "unpack.js", "study_replays.js")
+    )
     folder = str(report.data.folder)
     return environment.get_template("study_report.html.j2").render(
         name=report.data.name,
@@ -224,6 +236,8 @@ def render(report: StudyReport, drawn: dict[str, str]) -> str:
         repro=f"{shlex.join(['sumo-hmdp', 'repro', folder])} RUN_ID",
         folder=folder,
         style=Markup(style),  # noqa: S704 - our own file
+        script=Markup("\n".join(scripts)),  # noqa: S704 - our own files
+        replays=report.replays,
     )
 
 

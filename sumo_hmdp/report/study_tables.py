@@ -2,6 +2,7 @@
 
 import os
 import shlex
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -183,13 +184,8 @@ def decision_table(frame: pd.DataFrame) -> StudyTable:
     return StudyTable("decisions", "Times and statuses of all decisions", frame, headings, tuple(rows), note)
 
 
-def worst_table(data: StudyData, page: Path) -> StudyTable:
-    """Return the runs to look at first: contacts, then the smallest times to collision, then the largest violations.
-
-    Args:
-        data: the study.
-        page: where the report will stand, from which replay pages are linked.
-    """
+def worst_runs(data: StudyData) -> pd.DataFrame:
+    """Return the runs to look at first: contacts, then the smallest times to collision, then the largest violations."""
     ended = data.ended
     contacts = ended[ended["contact"]].sort_values(["contact_at_fault_count", "ttc_min_s"], ascending=[False, True])
     picked = [
@@ -200,27 +196,40 @@ def worst_table(data: StudyData, page: Path) -> StudyTable:
             ended[numbers(ended["violation_max_m"]) > 0].sort_values("violation_max_m", ascending=False),
         ),
     ]
-    records, rows, links = [], [], []
+    records = []
     seen: set[str] = set()
     for why, runs in picked:
         for row in runs[~runs["run_id"].isin(list(seen))].head(WORST).to_dict("records"):
             seen.add(row["run_id"])
-            replay = page_path(data.folder, row["run_id"])
-            again = shlex.join(["sumo-hmdp", "repro", str(data.folder), row["run_id"]])
-            look = "replay" if replay.is_file() else again
-            links.append(_relative(replay, page) if replay.is_file() else "")
             keys = ("run_id", "cell_label", "seed", "reason", "ttc_min_s", "gap_min_m", "violation_max_m")
-            records.append({"why": why, **{key: row[key] for key in keys}, "command": again})
-            measured = (number(row[key]) for key in ("ttc_min_s", "gap_min_m", "violation_max_m"))
-            reason = row["reason"] if isinstance(row["reason"], str) else ""
-            rows.append((row["run_id"], reason or why, *measured, look))
+            command = shlex.join(["sumo-hmdp", "replay", str(data.folder), row["run_id"]])
+            records.append({"why": why, **{key: row[key] for key in keys}, "command": command})
+    columns = ["why", "run_id", "cell_label", "seed", "reason", "ttc_min_s", "gap_min_m", "violation_max_m", "command"]
+    return pd.DataFrame(records, columns=columns)
+
+
+def worst_table(data: StudyData, page: Path, worst: pd.DataFrame, inside: Collection[str]) -> StudyTable:
+    """Return the runs to look at first as people read them.
+
+    Args:
+        data: the study.
+        page: where the report will stand, from which replay pages are linked.
+        worst: the runs.
+        inside: those whose replay is in the report itself.
+    """
+    rows, links = [], []
+    for row in worst.to_dict("records"):
+        run_id = row["run_id"]
+        replay = page_path(data.folder, run_id)
+        links.append(f"#replay-{run_id}" if run_id in inside else _relative(replay, page) if replay.is_file() else "")
+        measured = (number(row[key]) for key in ("ttc_min_s", "gap_min_m", "violation_max_m"))
+        reason = row["reason"] if isinstance(row["reason"], str) else ""
+        rows.append((run_id, reason or row["why"], *measured, row["command"]))
     headings = ("run", "why", "smallest ttc [s]", "smallest gap [m]", "violation [m]", "look at it")
     caption = "Contacts first, then the smallest times to collision, then the largest violations planned"
-    left = len(contacts) - WORST
+    left = int(data.ended["contact"].sum()) - WORST
     note = f"{left} more runs with a contact are in the table runs." if left > 0 else ""
-    columns = ["why", "run_id", "cell_label", "seed", "reason", "ttc_min_s", "gap_min_m", "violation_max_m", "command"]
-    frame = pd.DataFrame(records, columns=columns)
-    return StudyTable("worst_runs", caption, frame, headings, tuple(rows), note, tuple(links))
+    return StudyTable("worst_runs", caption, worst, headings, tuple(rows), note, tuple(links))
 
 
 def _relative(target: Path, page: Path) -> str:

@@ -25,7 +25,7 @@ DECISION_COLUMNS = {
     "violation_m": "float64", "stage_cost": "float64", "objective_bound": "float64", "shifted_feasible": "boolean",
     "shifted_reason": "str", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
-    "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str",
+    "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -220,6 +220,20 @@ class Recorder:
                 [
                     {"step": block.step, "lane": block.lane, "x_from_m": block.x_from, "x_to_m": block.x_to}
                     for block in (() if evidence is None else evidence.forbidden())
+                ]
+            ),
+            "bounds_json": json.dumps(
+                [
+                    {
+                        "step": bound.step,
+                        "side": "ahead" if bound.ahead else "behind",
+                        "room_m": bound.room,
+                        "vehicle_id": bound.vehicle_id,
+                        "probability": bound.probability,
+                        "x_m": bound.x,
+                        "distance_m": bound.distance,
+                    }
+                    for bound in (() if evidence is None else evidence.bounds())
                 ]
             ),
         }

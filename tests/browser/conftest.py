@@ -279,6 +279,8 @@ def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
             lambda request: None if request.url.startswith("file:") else complaints.append(request.url),
         )
         page.goto(path.as_uri() + fragment)
+        # A replay unpacks its data first; other pages have nothing to wait for.
+        page.evaluate("window.replayReady")
         return page
 
     yield open_file

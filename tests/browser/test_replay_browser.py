@@ -1,5 +1,6 @@
 """The replay page in a real browser, opened from a file; `open_page` demands an empty console."""
 
+import json
 import time
 
 import pandas as pd
@@ -159,6 +160,123 @@ def test_decisions_of_a_rule_are_no_events(open_page, tmp_path, manifest, steps,
 
 def test_fragment_opens_at_a_time(open_page, page_path):
     assert open_page(page_path, "#t=12.6").evaluate(STATE)["time"] == 12.6
+
+
+def test_gaps_and_times_to_collision_are_those_of_the_steps(page, steps):
+    """Every neighbour is looked up again in the table: the nearest front ahead or behind in each of the three lanes."""
+    for step in (0, 60, 150, 240):
+        rows = steps[steps["step"] == step].set_index("vehicle_id")
+        ego, others = rows.loc["ego"], rows.drop("ego")
+        expected = {}
+        for lane in (ego["lane"] - 1, ego["lane"], ego["lane"] + 1):
+            there = others[others["lane"] == lane]
+            for side, part in (
+                ("ahead", there[there["x_m"] >= ego["x_m"]]),
+                ("behind", there[there["x_m"] < ego["x_m"]]),
+            ):
+                if part.empty:
+                    continue
+                front, rear = (part, ego) if side == "ahead" else (ego, part)
+                gaps = front["x_m"] - front["length_m"] - rear["x_m"]
+                closing = rear["speed_mps"] - front["speed_mps"]
+                name = gaps.idxmin()
+                ttc = gaps[name] / closing[name] if closing[name] > 0 and gaps[name] >= 0 else None
+                expected[int(lane), side] = (name, gaps[name], ttc)
+
+        shown = seek(page, float(ego["time_s"]))["neighbours"]
+
+        found = {(one["lane"], one["side"]): (one["vehicle_id"], one["gap_m"], one["ttc_s"]) for one in shown}
+        assert found.keys() == expected.keys()
+        for key, (name, gap, ttc) in expected.items():
+            assert found[key][0] == name
+            assert found[key][1] == pytest.approx(gap, abs=0.002)
+            assert found[key][2] == (None if ttc is None else pytest.approx(ttc, rel=1e-2))
+
+
+def test_the_slider_itself_moves_the_vehicles(page, steps):
+    """A real drag of the thumb: it snaps to a recorded instant, whose positions are the recorded ones."""
+    box = page.locator("#time").bounding_box()
+    page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] / 2)
+
+    state = page.evaluate(STATE)
+
+    rows = steps[(steps["time_s"] - state["time"]).abs() < 1e-6].set_index("vehicle_id")
+    assert state["time"] == pytest.approx(0.62 * 45, abs=0.5)
+    assert set(rows.index) == set(state["vehicles"])
+    for vehicle_id, row in rows.iterrows():
+        assert state["vehicles"][vehicle_id]["x_m"] == round(row["x_m"], 3)
+
+
+def test_what_bounds_the_plan_is_told(open_page, tmp_path, manifest, steps, decisions):
+    plan = [{"step": 1, "lateral": "keep", "mode": "cruise", "lane": 2, "x_m": 100.0, "speed_mps": 20.0}]
+    behind = {"step": 1, "side": "behind", "room_m": 5.0, "vehicle_id": "car_02", "probability": 0.5}
+    line = {"step": 1, "side": "ahead", "room_m": -2.0, "vehicle_id": "stop line", "probability": None}
+    bounds = [behind | {"x_m": 60.0, "distance_m": 35.0}, line | {"x_m": 110.0, "distance_m": 12.0}]
+
+    def told(name, bounds):
+        texts = {"plan_json": json.dumps(plan), "bounds_json": json.dumps(bounds)}
+        one = decisions.head(1).assign(status="optimal", **texts)
+        one = one.drop(columns="bounds_json") if bounds is None else one
+        page = open_page(write_replay(tmp_path / f"{name}.html", manifest, steps, one))
+        return page.inner_text(".bound"), page.locator(".plan-table tbody tr td").all_inner_texts()[-2:]
+
+    assert told("line", bounds) == (
+        "Tightest at step 1 (0.60 s), lane 2: 2.0 m are missing to a stop line 10.0 m away, of 12.0 m asked for.",
+        ["5.0", "-2.0"],
+    )
+    words, rooms = told("car", bounds[:1])
+    assert words.startswith(
+        "Tightest at step 1 (0.60 s), lane 2: 5.0 m are left to car_02 behind, whose branch of 50 %"
+    )
+    assert words.endswith("is 40.0 m away, of 35.0 m asked for.")
+    assert rooms == ["5.0", "free"]
+    assert told("none", []) == ("Nobody shares a lane with the plan: its costs alone shape it.", ["free", "free"])
+    # A table of before the column was written must not read as if nobody were there.
+    words, rooms = told("old", None)
+    assert words.startswith("What bounds the plan was not recorded")
+    assert rooms == ["–", "–"]  # noqa: RUF001 - the dash of tables
+
+
+def test_dragging_the_road_looks_elsewhere_until_the_ego_is_followed_again(page):
+    before = page.evaluate(STATE)["view"]
+    box = page.locator("#road").bounding_box()
+    page.mouse.move(box["x"] + 600, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 400, box["y"] + 60, steps=4)
+    page.mouse.up()
+
+    dragged = page.evaluate(STATE)["view"]
+    per_px = (before["right_m"] - before["left_m"]) / (box["width"] - 34)
+    assert dragged["follow"] is False
+    assert dragged["left_m"] == pytest.approx(before["left_m"] + 200 * per_px, abs=0.5)
+    assert seek(page, 20.0)["view"]["left_m"] == dragged["left_m"]
+    assert page.input_value("#highlight") == ""
+    page.keyboard.press("f")
+    assert page.evaluate(STATE)["view"]["follow"] is True
+    assert page.is_checked("#follow")
+
+
+def test_marks_are_reached_by_keys(page):
+    times = []
+    for _ in range(3):
+        page.keyboard.press(".")
+        times.append(page.evaluate(STATE)["time"])
+
+    assert times == sorted(set(times))
+    assert times[0] == 5.4
+    page.keyboard.press(",")
+    assert page.evaluate(STATE)["time"] == times[1]
+
+
+def test_the_instant_is_told_in_words_and_read_out_only_while_it_stands(page):
+    seek(page, 9.0)
+    until(page, "() => document.getElementById('instant').textContent.startsWith('9.00 s: ego in lane ')")
+    text = page.inner_text("#instant")
+
+    assert "Decision 15, optimal: keep lane" in text
+    assert page.get_attribute("#instant", "aria-live") == "polite"
+    page.click("#play")
+    until(page, "() => document.getElementById('instant').getAttribute('aria-live') === 'off'")
 
 
 def test_horizon_step_and_zoom(page):

@@ -1,5 +1,6 @@
 """The report of a study in a real browser, opened from a file; `open_page` demands an empty console."""
 
+import pandas as pd
 import pytest
 
 from sumo_hmdp.report.study_report import write_study_report
@@ -55,3 +56,48 @@ def test_folded_tables_are_printed(open_page, page_path):
     page.emulate_media(media="print")
     assert caption.is_visible()
     assert not page.locator("nav").is_visible()
+
+
+def replay_in(page):
+    """Wait for the frame that the replay is in, and for the replay in it."""
+    for _ in range(500):
+        # Asked from outside: the frame's own context goes when its page comes.
+        if page.evaluate("!!document.getElementById('replay-frame').contentWindow?.replay"):
+            return next(frame for frame in page.frames if frame != page.main_frame)
+        page.wait_for_timeout(20)
+    raise AssertionError("no replay came")
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_the_link_of_a_run_opens_its_replay(open_page, page_path, width, scheme):
+    page = open_page(page_path, viewport={"width": width, "height": 844}, color_scheme=scheme)
+    worst = pd.read_csv(page_path.parent / "tables" / "worst_runs.csv")
+    links = page.locator("#worst tbody a[href^='#replay-']")
+    assert [one.inner_text() for one in links.all()] == worst["run_id"].tolist()[:5]
+    steps = pd.concat(pd.read_parquet(file) for file in (page_path.parents[1] / "steps").glob("*/*.parquet"))
+    rows = steps[(steps["run_id"] == worst["run_id"][1]) & (steps["step"] == 1)].set_index("vehicle_id")
+
+    links.nth(1).click()
+    replay = replay_in(page)
+    page.keyboard.press("ArrowRight")
+
+    state = replay.evaluate("window.replay.state()")
+    assert state["time"] == pytest.approx(rows["time_s"].iloc[0])
+    assert {name: one["x_m"] for name, one in state["vehicles"].items()} == rows["x_m"].to_dict()
+    assert page.inner_text("#replay-title") == f"Replay of {worst['run_id'][1]}"
+    assert replay.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    assert replay.evaluate("document.documentElement.dataset.theme") == scheme
+    page.keyboard.press("Escape")
+    page.wait_for_timeout(200)
+    assert not page.locator("#replay").is_visible()
+    assert page.evaluate("location.hash") == "#worst"
+
+
+def test_a_replay_can_be_linked_from_outside(open_page, page_path):
+    run_id = pd.read_csv(page_path.parent / "tables" / "worst_runs.csv")["run_id"][0]
+
+    page = open_page(page_path, f"#replay-{run_id}")
+
+    assert replay_in(page).evaluate("window.replay.state().time") == 0
+    page.click("#replay-close")
+    assert not page.locator("#replay").is_visible()

@@ -72,7 +72,7 @@ def test_version(shell):
 
 
 def test_every_command_shows_an_example(call):
-    for command in ("decide", "run", "check", "list", "study", "repro", "compare", "new-planner"):
+    for command in ("decide", "run", "check", "list", "study", "repro", "compare", "new-planner", "replay", "video"):
         finished = call(command, "--help")
         assert finished.code == 0
         assert f"sumo-hmdp {command}" in finished.out.split("Example")[1]

@@ -3,16 +3,20 @@ const element = (id) => document.getElementById(id);
 const slider = element("time");
 const stillness = matchMedia("(prefers-reduced-motion: reduce)");
 const darkness = matchMedia("(prefers-color-scheme: dark)");
-const app = { cursor: cursorAt(firstTime), playing: false, rate: 1, clock: 0, last: 0, decision: undefined, highlighted: null, drawn: [], queued: false, told: 0 };
+const app = { cursor: cursorAt(firstTime), playing: false, rate: 1, clock: 0, last: 0, decision: undefined, highlighted: null, drawn: [], queued: false, told: 0, drag: null };
+
+// A page that is not shown, such as in a closed dialog, has no width to draw on.
+const isShown = () => road.clientWidth > 0;
 
 function draw() {
   app.queued = false;
+  if (!isShown()) return;
   const decision = decisionAt(app.cursor.time);
   if (decision !== app.decision) changeDecision(decision);
   app.drawn = drawRoad(app.cursor, decision, app.highlighted).drawn;
   plots.forEach((plot) => drawPlot(plot, app.cursor, app.highlighted));
   showTime();
-  if (!app.playing || performance.now() - app.told > 250) tell();
+  if (!app.playing || performance.now() - app.told > 250) tell(decision);
 }
 
 function redraw() {
@@ -22,6 +26,7 @@ function redraw() {
 }
 
 function redrawAll() {
+  if (!isShown()) return;
   plots.forEach((plot) => drawPlotBitmap(plot, app.highlighted));
   drawMarks();
   fillMarksKey();
@@ -46,9 +51,14 @@ function showTime() {
 }
 
 // The picture in words; four times a second is enough while it plays.
-function tell() {
+function tell(decision) {
   app.told = performance.now();
-  road.setAttribute("aria-label", sceneText(app.cursor));
+  const text = sceneText(app.cursor, decision);
+  // Read out only where the picture stands still, or it would never stop.
+  element("instant").setAttribute("aria-live", app.playing ? "off" : "polite");
+  if (element("instant").textContent !== text) element("instant").textContent = text;
+  road.setAttribute("aria-label", `Top view of the road. ${text}`);
+  showNeighbours(app.cursor);
   showScene(app.cursor);
 }
 
@@ -80,6 +90,20 @@ function decisionBy(count) {
   const i = lastAtOrBefore(decisions.length, (k) => decisions[k].time_s, app.cursor.time);
   const target = decisions[clamp(i + count, 0, decisions.length - 1)];
   if (target) seek(target.time_s);
+}
+
+function eventBy(count) {
+  setPlaying(false);
+  const others = events.filter((event) => (count < 0 ? event.time < app.cursor.time - SAME_TIME : event.time > app.cursor.time + SAME_TIME));
+  const target = count < 0 ? others[others.length - 1] : others[0];
+  if (target) seek(target.time);
+}
+
+function follow(isWanted) {
+  if (!isWanted) view.anchor = view.follow ? focusX(app.cursor) : view.anchor;
+  view.follow = isWanted;
+  element("follow").checked = isWanted;
+  redraw();
 }
 
 function setPlaying(playing) {
@@ -130,7 +154,7 @@ function highlight(vehicle) {
 }
 
 function showTip(event) {
-  if (app.playing) return;
+  if (app.playing || app.drag?.moved) return;
   const tip = element("tip");
   const box = road.getBoundingClientRect();
   const under = vehicleUnder(app.drawn, event.clientX - box.left, event.clientY - box.top);
@@ -158,6 +182,11 @@ const KEYS = {
   Home: () => { setPlaying(false); seek(firstTime); },
   End: () => { setPlaying(false); seek(lastTime); },
   " ": () => setPlaying(!app.playing),
+  ",": () => eventBy(-1),
+  ".": () => eventBy(1),
+  f: () => follow(!view.follow),
+  // Inside a report it closes the replay.
+  Escape: () => window.frameElement?.dispatchEvent(new Event("leave")),
   "[": () => chooseHorizon(view.horizon - 1),
   "]": () => chooseHorizon(view.horizon + 1),
   "+": () => zoom(1 / 1.4), "=": () => zoom(1 / 1.4), "-": () => zoom(1.4), 0: () => zoom(null),
@@ -196,13 +225,34 @@ function wirePlayback() {
   element("play").addEventListener("click", () => setPlaying(!app.playing));
   element("back").addEventListener("click", () => stepBy(-1));
   element("forward").addEventListener("click", () => stepBy(1));
+  element("event-back").addEventListener("click", () => eventBy(-1));
+  element("event-forward").addEventListener("click", () => eventBy(1));
   element("rate").addEventListener("change", (event) => { app.rate = Number(event.target.value); });
   document.addEventListener("keydown", onKey);
   plots.forEach((plot) => seekByPointer(plot.canvas, (x, width) => times[nearestRecord(timeScale(width).time(x))]));
   seekByPointer(marks, (x, width) => eventNear(x, width)?.time ?? times[nearestRecord(markTime(x, width))]);
 }
 
+// Dragging the road moves the view along it, which then no longer follows.
+function dragRoad() {
+  road.addEventListener("pointerdown", (event) => {
+    if (event.button === 0) app.drag = { from: event.clientX, anchor: view.follow ? focusX(app.cursor) : view.anchor, moved: false };
+  });
+  road.addEventListener("pointermove", (event) => {
+    if (!app.drag || !event.buttons) return;
+    const by = event.clientX - app.drag.from;
+    if (!app.drag.moved && Math.abs(by) < 5) return;
+    app.drag.moved = true;
+    road.setPointerCapture(event.pointerId);
+    follow(false);
+    view.anchor = app.drag.anchor - by / roadFrame(app.cursor).pxPerX;
+    element("tip").hidden = true;
+  });
+}
+
 function wireView() {
+  dragRoad();
+  element("follow").addEventListener("change", (event) => follow(event.target.checked));
   element("zoom-in").addEventListener("click", () => zoom(1 / 1.4));
   element("zoom-out").addEventListener("click", () => zoom(1.4));
   element("zoom-reset").addEventListener("click", () => zoom(null));
@@ -210,6 +260,9 @@ function wireView() {
   road.addEventListener("pointermove", showTip);
   road.addEventListener("pointerleave", () => { element("tip").hidden = true; });
   road.addEventListener("click", (event) => {
+    const wasDrag = app.drag?.moved;
+    app.drag = null;
+    if (wasDrag) return;
     const box = road.getBoundingClientRect();
     const under = vehicleUnder(app.drawn, event.clientX - box.left, event.clientY - box.top);
     highlight(under && under.vehicle !== app.highlighted ? under.vehicle : null);
@@ -233,7 +286,7 @@ function wirePage() {
   }
   let width = 0;
   new ResizeObserver(() => {
-    if (road.clientWidth === width) return;
+    if (road.clientWidth === width || !isShown()) return;
     if (view.isFitted) zoom(null);
     width = road.clientWidth;
     redrawAll();
@@ -258,5 +311,9 @@ window.replay = {
       .filter(([, state]) => state).map(([id, state]) => [id, { x_m: state.x, y_m: state.y }])),
     playing: app.playing,
     decision_index: decisionAt(app.cursor.time)?.decision_index ?? null,
+    neighbours: neighbours(app.cursor).flatMap(({ lane, behind, ahead }) => [[behind, "behind"], [ahead, "ahead"]]
+      .filter(([one]) => one)
+      .map(([one, side]) => ({ lane, side, vehicle_id: one.vehicle.id, gap_m: one.gap, ttc_s: one.ttc }))),
+    view: { follow: view.follow, left_m: roadFrame(app.cursor).left, right_m: roadFrame(app.cursor).right },
   }),
 };

@@ -1,5 +1,5 @@
 // The run's data and what holds at one time: pure look-ups, no drawing.
-const data = JSON.parse(document.getElementById("replay-data").textContent);
+const data = await unpacked(document.getElementById("replay-data").textContent).json();
 const times = data.times_s;
 const { vehicles, decisions, lanes } = data;
 const firstTime = times[0];
@@ -61,9 +61,37 @@ function focusX(cursor) {
 
 const gapOf = (front, frontLength, rear) => front - frontLength - rear;
 
+// Along the road, bumper to bumper, whatever the lanes.
+function alongGap(vehicle, state, egoState) {
+  return Math.max(gapOf(state.x, vehicle.length_m, egoState.x), gapOf(egoState.x, ego.length_m, state.x));
+}
+
 function gapToEgo(vehicle, state, egoState) {
   if (!egoState || vehicle === ego || state.lane !== egoState.lane) return null;
-  return Math.max(gapOf(state.x, vehicle.length_m, egoState.x), gapOf(egoState.x, ego.length_m, state.x));
+  return alongGap(vehicle, state, egoState);
+}
+
+// The nearest vehicle ahead and behind in the ego's lane and in those beside it; ttc is null while nothing closes.
+function neighbours(cursor) {
+  const egoState = ego && stateOf(ego, cursor);
+  if (!egoState || egoState.lane === null) return [];
+  const found = [];
+  for (const offset of [-1, 0, 1]) {
+    const lane = egoState.lane + offset;
+    if (lane >= 1 && lane <= lanes.count) found.push({ offset, lane, ahead: null, behind: null });
+  }
+  for (const vehicle of vehicles) {
+    if (vehicle === ego) continue;
+    const state = stateOf(vehicle, cursor);
+    const row = state && found.find(({ lane }) => lane === state.lane);
+    if (!row) continue;
+    const side = state.x >= egoState.x ? "ahead" : "behind";
+    const gap = alongGap(vehicle, state, egoState);
+    if (row[side] && row[side].gap <= gap) continue;
+    const closing = side === "ahead" ? egoState.speed - state.speed : state.speed - egoState.speed;
+    row[side] = { vehicle, gap, closing, ttc: closing > 0 && gap >= 0 ? gap / closing : null };
+  }
+  return found;
 }
 
 const horizonOf = (decision) => Math.max(
@@ -87,6 +115,11 @@ function statusRuns() {
   return runs;
 }
 
+const KIND_NAMES = {
+  left: "lane change left", right: "lane change right", relaxed: "relaxed", fallback: "fallback", incumbent: "incumbent",
+  near_miss: "near miss", contact: "contact",
+};
+
 function eventList() {
   const changes = data.lane_changes.map((change) => ({
     time: change.time_s, kind: change.left ? "left" : "right",
@@ -97,6 +130,9 @@ function eventList() {
     time: run.from, until: run.until, kind: run.status,
     text: `${run.count > 1 ? `${run.count} decisions ` : ""}${run.status}${run.reason ? `: ${run.reason}` : ""}`,
   }));
-  return [...changes, ...statuses].sort((a, b) => a.time - b.time);
+  const conflicts = data.conflicts.map((one) => ({
+    time: one.time_s, until: one.until_s, kind: one.kind, text: `${KIND_NAMES[one.kind]} with ${one.vehicle_id}`,
+  }));
+  return [...changes, ...statuses, ...conflicts].sort((a, b) => a.time - b.time);
 }
 const events = eventList();

@@ -78,6 +78,22 @@ function hatch(ctx, color) {
   return { pattern: ctx.createPattern(tile, "repeat"), scale: 8 / tile.width };
 }
 
+const EVENT_INKS = { left: "ego", right: "ego", near_miss: "branch", contact: "ink" };
+const eventInk = (kind) => ink[EVENT_INKS[kind] ?? kind] ?? ink.muted;
+
+// A ring for a near miss, a cross for a contact.
+function drawEncounter(ctx, kind, x, y, r) {
+  ctx.strokeStyle = eventInk(kind);
+  ctx.lineWidth = 2.4;
+  if (kind === "near_miss") {
+    dot(ctx, x, y, r - 0.6);
+    ctx.stroke();
+    return;
+  }
+  segment(ctx, x - r * 0.85, y - r * 0.85, x + r * 0.85, y + r * 0.85);
+  segment(ctx, x - r * 0.85, y + r * 0.85, x + r * 0.85, y - r * 0.85);
+}
+
 // One glyph for each kind of event: shape tells as much as colour.
 function eventGlyph(ctx, kind, x, y, r) {
   const shapes = {
@@ -85,7 +101,11 @@ function eventGlyph(ctx, kind, x, y, r) {
     right: [[x - r, y - r * 0.8], [x, y + r], [x + r, y - r * 0.8]],
     relaxed: [[x, y - r * 1.15], [x + r * 1.15, y], [x, y + r * 1.15], [x - r * 1.15, y]],
   };
-  ctx.fillStyle = ink[{ left: "ego", right: "ego" }[kind] ?? kind] ?? ink.muted;
+  ctx.fillStyle = eventInk(kind);
+  if (kind === "near_miss" || kind === "contact") {
+    drawEncounter(ctx, kind, x, y, r);
+    return;
+  }
   polygon(ctx, shapes[kind] ?? [[x - r * 0.9, y - r * 0.9], [x + r * 0.9, y - r * 0.9], [x + r * 0.9, y + r * 0.9], [x - r * 0.9, y + r * 0.9]]);
   ctx.fill();
 }

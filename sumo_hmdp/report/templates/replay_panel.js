@@ -27,7 +27,7 @@ function showDecision(decision, onStep) {
   badge.dataset.status = decision.status;
   const head = make("div", { className: "decision-head" }, badge, make("b", {}, actionText(decision)));
   const why = decision.reason ? [make("p", { className: "why" }, decision.reason)] : [];
-  box.replaceChildren(head, ...why, factsOf(decision), planTable(decision, onStep));
+  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), factsOf(decision), planTable(decision, onStep));
 }
 
 function actionText(decision) {
@@ -54,12 +54,12 @@ function planTable(decision, onStep) {
     choose.setAttribute("aria-label", `Show horizon step ${entry.step}`);
     const row = make("tr", {}, make("td", {}, choose), cell(fixed(horizonTime(decision, entry.step), 2)),
       cell(entry.lateral ?? "–", "word"), cell(entry.mode ?? "–", "word"), cell(entry.lane ?? "–"),
-      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)));
+      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)), cell(roomText(decision, entry.step, "behind")), cell(roomText(decision, entry.step, "ahead")));
     row.dataset.step = entry.step;
     row.addEventListener("click", () => onStep(entry.step));
     return row;
   });
-  const heads = [["Step"], ["t (s)"], ["Lateral", "word"], ["Mode", "word"], ["Lane"], ["x (m)"], ["m/s"]];
+  const heads = [["Step"], ["t (s)"], ["Lateral", "word"], ["Mode", "word"], ["Lane"], ["x (m)"], ["m/s"], ["Room behind"], ["ahead (m)"]];
   const table = make("table", { className: "plan-table" }, headRow(heads), make("tbody", {}, ...rows));
   const scroll = make("div", { className: "scroll", tabIndex: 0 }, table);
   scroll.setAttribute("role", "region");
@@ -92,16 +92,38 @@ function showScene(cursor) {
   document.getElementById("scene-table").replaceChildren(headRow(heads), make("tbody", {}, ...rows));
 }
 
-function sceneText(cursor) {
+const ttcText = ({ ttc }) => (ttc === null ? "not closing" : `TTC ${ttc >= 100 ? "over 100" : ttc.toFixed(1)} s`);
+
+// The instant in words, for the line under the road and for screen readers.
+function sceneText(cursor, decision) {
   const egoState = ego && stateOf(ego, cursor);
-  const start = `Top view of the road at ${cursor.time.toFixed(2)} s. `;
-  if (!egoState) return `${start}The ego is not on the road.`;
-  const leader = vehicles.filter((vehicle) => vehicle !== ego)
-    .map((vehicle) => ({ vehicle, state: stateOf(vehicle, cursor) }))
-    .filter(({ state }) => state && state.lane === egoState.lane && state.x > egoState.x)
-    .sort((a, b) => a.state.x - b.state.x)[0];
-  const ahead = leader ? `${leader.vehicle.id} is ahead, gap ${gapToEgo(leader.vehicle, leader.state, egoState).toFixed(1)} m.` : "Nobody is ahead in its lane.";
-  return `${start}Ego in lane ${egoState.lane} at ${egoState.x.toFixed(1)} m, ${egoState.speed.toFixed(1)} m/s. ${ahead}`;
+  const start = `${cursor.time.toFixed(2)} s: `;
+  if (!egoState) return `${start}the ego is not on the road.`;
+  const ahead = neighbours(cursor).find(({ offset }) => offset === 0)?.ahead;
+  const leader = ahead ? `${ahead.vehicle.id} ahead, gap ${ahead.gap.toFixed(1)} m, ${ttcText(ahead)}` : "nobody ahead in its lane";
+  const decided = decision ? ` Decision ${decision.decision_index}, ${decision.status}: ${actionText(decision)}.` : "";
+  return `${start}ego in lane ${egoState.lane ?? "–"} at ${egoState.x.toFixed(1)} m, ${fixed(egoState.speed, 1)} m/s; ${leader}.${decided}`;
+}
+
+const LANE_WORDS = { "-1": "left", 0: "own", 1: "right" };
+
+function neighbourCell(found) {
+  if (!found) return make("td", { className: "word none" }, "nobody");
+  const close = found.ttc !== null && found.ttc < 3 ? " close" : "";
+  return make("td", { className: `word${close}` }, make("b", {}, shortened(found.vehicle.id)), make("br", {}),
+    found.gap < 0 ? "alongside" : `${found.gap.toFixed(1)} m, ${ttcText(found)}`);
+}
+
+function showNeighbours(cursor) {
+  const rows = neighbours(cursor).map(({ offset, lane, behind, ahead }) => make("tr", {},
+    make("th", { scope: "row" }, `${LANE_WORDS[offset]} (${lane})`), neighbourCell(behind), neighbourCell(ahead)));
+  const box = document.getElementById("neighbours");
+  if (!rows.length) {
+    box.replaceChildren(make("p", { className: "empty" }, "The ego is not on the road."));
+    return;
+  }
+  const heads = [["Lane"], ["Behind", "word"], ["Ahead", "word"]];
+  box.replaceChildren(make("table", {}, headRow(heads), make("tbody", {}, ...rows)));
 }
 
 function fillEvents(onSeek) {
@@ -111,6 +133,6 @@ function fillEvents(onSeek) {
     button.addEventListener("click", () => onSeek(event.time));
     return make("li", {}, button);
   });
-  if (!items.length) items.push(make("li", { className: "empty" }, "No lane change, and every decision was optimal."));
+  if (!items.length) items.push(make("li", { className: "empty" }, "No lane change, no near miss, and every decision was optimal."));
   document.getElementById("event-list").replaceChildren(...items);
 }

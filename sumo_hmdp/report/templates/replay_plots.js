@@ -88,7 +88,7 @@ function drawStatusBands(ctx, time, value) {
   ctx.globalAlpha = 0.14;
   for (const event of events) {
     if (event.until === undefined) continue;
-    ctx.fillStyle = ink[event.kind] ?? ink.muted;
+    ctx.fillStyle = eventInk(event.kind);
     const x = time.px(event.time);
     ctx.fillRect(x, value.top, Math.max(time.px(event.until) - x, 1), value.bottom - value.top);
   }

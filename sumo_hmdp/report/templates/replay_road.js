@@ -3,7 +3,8 @@ const GUTTER = 34;
 const TOP = 12;
 const AXIS = 26;
 const road = document.getElementById("road");
-const view = { span: 0, isFitted: true, horizon: 1, layers: { plan: true, branches: true, forbidden: true, labels: true } };
+// `anchor` is the x in the middle of the view while it does not follow the ego.
+const view = { span: 0, isFitted: true, horizon: 1, follow: true, anchor: 0, layers: { plan: true, branches: true, forbidden: true, labels: true } };
 
 function laneHeight() {
   const comfortable = road.clientWidth < 700 ? 54 : 62;
@@ -18,7 +19,7 @@ function roadFrame(cursor) {
   const perLane = laneHeight();
   const pxPerX = (width - GUTTER) / view.span;
   const pxPerY = perLane / lanes.width_m;
-  const left = focusX(cursor) - 0.34 * view.span;
+  const left = (view.follow ? focusX(cursor) : view.anchor) - 0.34 * view.span;
   const bottom = TOP + perLane * lanes.count;
   return {
     width, perLane, pxPerX, pxPerY, left, right: left + view.span, bottom,
@@ -49,7 +50,7 @@ function drawRoad(cursor, decision, highlighted) {
 function drawDecision(ctx, frame, decision) {
   const step = view.horizon;
   if (view.layers.forbidden) drawForbidden(ctx, frame, decision, step);
-  if (view.layers.branches) decision.branches.forEach((branch) => drawBranch(ctx, frame, decision, branch, step));
+  if (view.layers.branches) drawBranches(ctx, frame, decision, step);
   if (view.layers.plan) drawPlan(ctx, frame, decision, step);
 }
 
@@ -144,30 +145,58 @@ function startOf(vehicleId, decision) {
   return state ? [[state.x, state.y]] : [];
 }
 
-function drawBranch(ctx, frame, decision, branch, step) {
-  const points = [...startOf(branch.vehicle_id, decision), ...branch.x_m.map((x, i) => [x, branch.y_m[i]])]
-    .map(([x, y]) => [frame.px(x), frame.py(y)]);
-  if (!points.length || Math.max(...points.map(([x]) => x)) < 0 || points[0][0] > frame.width + 60) return;
-  const alpha = clamp(0.16 + 0.84 * (branch.probability ?? 1), 0, 1);
+// Branches that are drawn alike, each as points along the road; worked out once for a decision.
+const branchGroups = new WeakMap();
+const ALPHAS = 16;
+
+function groupsOf(decision) {
+  if (branchGroups.has(decision)) return branchGroups.get(decision);
+  const groups = new Map();
+  for (const branch of decision.branches) {
+    const level = Math.round(ALPHAS * clamp(0.16 + 0.84 * (branch.probability ?? 1), 0, 1));
+    const points = [...startOf(branch.vehicle_id, decision), ...branch.x_m.map((x, i) => [x, branch.y_m[i]])];
+    if (!groups.has(level)) groups.set(level, []);
+    if (points.length) groups.get(level).push({ branch, points, from: points[0][0], to: points[points.length - 1][0] });
+  }
+  // The likeliest last, on top.
+  const sorted = [...groups].sort(([a], [b]) => a - b).map(([level, lines]) => ({ alpha: level / ALPHAS, lines }));
+  branchGroups.set(decision, sorted);
+  return sorted;
+}
+
+// One path for all branches of a group: hundreds of strokes of their own would take longer than a frame.
+function drawBranches(ctx, frame, decision, step) {
   ctx.strokeStyle = ink.branch;
   ctx.fillStyle = ink.branch;
   ctx.lineWidth = 1.6;
-  ctx.globalAlpha = alpha;
-  polyline(ctx, points);
-  for (const [x, y] of points.slice(-branch.x_m.length)) {
-    dot(ctx, x, y, 1.8);
+  for (const { alpha, lines } of groupsOf(decision)) {
+    const seen = lines.filter(({ from, to }) => to >= frame.left && from <= frame.right + 20);
+    if (!seen.length) continue;
+    ctx.globalAlpha = alpha;
+    ctx.beginPath();
+    for (const { points } of seen) {
+      points.forEach(([x, y], i) => (i ? ctx.lineTo(frame.px(x), frame.py(y)) : ctx.moveTo(frame.px(x), frame.py(y))));
+    }
+    ctx.stroke();
+    ctx.beginPath();
+    for (const { branch, points } of seen) {
+      for (const [x, y] of points.slice(-branch.x_m.length)) ctx.rect(frame.px(x) - 1.6, frame.py(y) - 1.6, 3.2, 3.2);
+    }
     ctx.fill();
+    drawEllipses(ctx, frame, seen, step - 1, alpha);
   }
-  drawEllipse(ctx, frame, branch, step - 1, alpha);
   ctx.globalAlpha = 1;
 }
 
-function drawEllipse(ctx, frame, branch, i, alpha) {
-  if (i < 0 || i >= branch.x_m.length) return;
-  const radius = (std, scale) => Math.max(2 * (std[i] ?? 0) * scale, 2);
+function drawEllipses(ctx, frame, lines, i, alpha) {
   ctx.beginPath();
-  ctx.ellipse(frame.px(branch.x_m[i]), frame.py(branch.y_m[i]), radius(branch.x_std_m, frame.pxPerX),
-    radius(branch.y_std_m, frame.pxPerY), 0, 0, 2 * Math.PI);
+  for (const { branch } of lines) {
+    if (i < 0 || i >= branch.x_m.length) continue;
+    const radius = (std, scale) => Math.max(2 * (std[i] ?? 0) * scale, 2);
+    const [x, y, r] = [frame.px(branch.x_m[i]), frame.py(branch.y_m[i]), radius(branch.x_std_m, frame.pxPerX)];
+    ctx.moveTo(x + r, y);
+    ctx.ellipse(x, y, r, radius(branch.y_std_m, frame.pxPerY), 0, 0, 2 * Math.PI);
+  }
   ctx.globalAlpha = alpha * 0.28;
   ctx.fill();
   ctx.globalAlpha = alpha;

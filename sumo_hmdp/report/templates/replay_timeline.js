@@ -1,4 +1,4 @@
-// The marks over the slider: lane changes, and decisions that are not optimal.
+// The marks over the slider: lane changes, decisions that are not optimal, near misses and contacts.
 const marks = document.getElementById("marks");
 const THUMB = 14;
 const GLYPH = 5;
@@ -14,7 +14,7 @@ function drawMarks() {
   for (const event of events) {
     if (event.until === undefined) continue;
     const x = markX(event.time, width);
-    ctx.fillStyle = ink[event.kind] ?? ink.muted;
+    ctx.fillStyle = eventInk(event.kind);
     ctx.fillRect(x, band, Math.max(markX(event.until, width) - x, 2), 3);
   }
   ctx.globalAlpha = 1;
@@ -35,8 +35,6 @@ function eventNear(x, width) {
   const near = placedEvents(width).filter((event) => Math.abs(event.x - x) <= 8);
   return near.sort((a, b) => Math.abs(a.x - x) - Math.abs(b.x - x))[0] ?? null;
 }
-
-const KIND_NAMES = { left: "lane change left", right: "lane change right", relaxed: "relaxed", fallback: "fallback" };
 
 function fillMarksKey() {
   const order = Object.keys(KIND_NAMES);

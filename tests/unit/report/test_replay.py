@@ -1,6 +1,8 @@
+import base64
 import json
 import math
 import re
+import zlib
 from decimal import Decimal
 from html.parser import HTMLParser
 
@@ -112,7 +114,7 @@ class Page(HTMLParser):
 
     @property
     def data(self):
-        return json.loads(self.texts["replay-data"])
+        return json.loads(zlib.decompress(base64.b64decode(self.texts["replay-data"])))
 
 
 def test_page_refers_to_nothing_outside_itself(manifest, steps):
@@ -277,3 +279,19 @@ def test_write_is_all_or_nothing(tmp_path, manifest, steps):
     assert written == render_replay(manifest, steps, NO_DECISIONS)
     assert path.read_text(encoding="utf-8") == written
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_near_misses_and_contacts_by_hand(manifest):
+    """The ego at 20 m/s behind a standing car: 25, 17, 9, 1 and -7 m between the bumpers at steps of 0.4 s."""
+    rows = []
+    for number in range(5):
+        rows.append(step(number, "ego", 8.0 * number, 2, time_s=0.4 * number))
+        rows.append(step(number, "stands", 29.5, 2, time_s=0.4 * number, speed_mps=0.0))
+        rows.append(step(number, "beside", 8.0 * number, 1, time_s=0.4 * number))
+
+    found = replay_data(manifest, pd.DataFrame(rows), NO_DECISIONS)["conflicts"]
+
+    # Below 1 s from 17 m on; the bodies overlap once 32 - 29.5 m are past the bumper.
+    assert [(one["kind"], one["vehicle_id"]) for one in found] == [("near_miss", "stands"), ("contact", "stands")]
+    assert [one["time_s"] for one in found] == pytest.approx([0.4, 1.6])
+    assert [one["until_s"] for one in found] == pytest.approx([1.6, 1.6])

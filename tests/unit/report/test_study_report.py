@@ -1,8 +1,10 @@
 """The report of a study whose rows are written by hand: its tables show exactly the numbers known of them."""
 # ruff: noqa: RUF001 - the page has minus signs and dashes
 
+import base64
 import json
 import re
+import zlib
 from html.parser import HTMLParser
 
 import pandas as pd
@@ -11,6 +13,7 @@ from scipy import stats
 
 from sumo_hmdp import cli
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.report import study_replays
 from sumo_hmdp.report.study_data import baseline_of, named_cells
 from sumo_hmdp.report.study_report import study_report, write_study_report
 from sumo_hmdp.report.study_table import interval, listed, number
@@ -155,14 +158,42 @@ def test_worst_runs_and_what_to_do_with_them(folder, study_by_hand, tmp_path):
     assert worst["why"].tolist()[:4] == ["contact"] * 3 + ["small time to collision"]
     assert set(worst["seed"][:3]) == {0, 4, 7}
     assert worst["why"].tolist()[-1] == "large violation planned"
-    assert worst["command"][0] == f"sumo-hmdp repro {folder} {worst['run_id'][0]}"
+    assert worst["command"][0] == f"sumo-hmdp replay {folder} {worst['run_id'][0]}"
     assert worst["command"][0] in page(folder)
-    other = study_by_hand(tmp_path / "study")
+    # Without the others' steps, and without a word of how long the run took, only a page that is there can be linked.
+    other = study_by_hand(tmp_path / "study", trace="ego")
     page_path(other, worst["run_id"][0]).write_text("replay")
-    table_of = {
-        one.name: one for section in study_report(other, other / "a" / "r.html").sections for one in section.tables
-    }
+    report = study_report(other, other / "a" / "r.html")
+    table_of = {one.name: one for section in report.sections for one in section.tables}
     assert table_of["worst_runs"].links[:2] == (f"../{worst['run_id'][0]}.html", "")
+    assert report.replays == ()
+    (texts,) = (section.texts for section in report.sections if section.id == "worst")
+    assert texts[0] == f"{worst['run_id'][0]} is not here, since doing it again takes too long for a report."
+
+
+def test_the_first_runs_are_in_the_page(folder):
+    worst = table(folder, "worst_runs")["run_id"]
+    report = study_report(folder, folder / "report" / "report.html")
+
+    assert [one.run_id for one in report.replays] == worst[:5].tolist()
+    assert not any(one.repeated for one in report.replays)
+    for one in report.replays:
+        replay = zlib.decompress(base64.b64decode(one.page)).decode()
+        assert f'<th scope="row">run_id</th><td>{one.run_id}</td>' in replay
+        assert str(one.page) in page(folder)
+    for place, run_id in enumerate(worst):
+        assert (f'href="#replay-{run_id}"' in page(folder)) == (place < 5)
+
+
+def test_replays_keep_to_their_budget(folder, monkeypatch):
+    worst = table(folder, "worst_runs")["run_id"].tolist()
+    sizes = [len(one.page) for one in study_replays.study_replays(folder, worst).pages]
+    monkeypatch.setattr(study_replays, "BYTES", sum(sizes[:2]) + 1)
+
+    found = study_replays.study_replays(folder, worst)
+
+    assert [one.run_id for one in found.pages] == worst[:2]
+    assert [note.partition(" is not here")[0] for note in found.notes[1:]] == worst[2:5]
 
 
 def test_parameters_name_the_traffic_s_drivers(folder):

@@ -184,9 +184,11 @@ def test_a_file_takes_runs_in_until_it_is_large_enough(tiny, tables, tmp_path, m
 
 
 def damage(file):
-    """Flip bytes in the middle: the file's end, with its table of contents, stays as it was."""
+    """Flip the last bytes of a column's values: the file's end, with its table of contents, stays as it was."""
+    column = parquet.ParquetFile(file).metadata.row_group(0).column(0)
+    end = (column.dictionary_page_offset or column.data_page_offset) + column.total_compressed_size
     content = bytearray(file.read_bytes())
-    for at in range(len(content) // 4, len(content) // 4 + 40):
+    for at in range(end - 4, end):
         content[at] ^= 0xFF
     file.write_bytes(bytes(content))
 
