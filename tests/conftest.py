@@ -72,7 +72,6 @@ def step_rows(cell, run_id, seed):
     rows = [
         {
             "run_id": run_id, "step": index, "time_s": 0.8 * index, "vehicle_id": name, "lane": 2, "intended_lane": 2,
-            "y_m": 0.0, "speed_mps": 20.0, "length_m": 4.5, "width_m": 1.8, "mode": "cruise",
             "x_m": 100.0 if name == "ego" else 100.0 + (SAFE_DISTANCE - 1 if broken and index == 1 else 30.0),
             "y_m": 0.0, "heading_rad": 0.0, "speed_mps": 20.0, "accel_mps2": 0.0, "mode": "cruise",
             "length_m": 4.5, "width_m": 1.8,
