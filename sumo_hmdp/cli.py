@@ -194,7 +194,7 @@ def summary_table(record: "RunRecord") -> "Table":
     """Return what a reader wants to know of a run first."""
     from rich.table import Table
 
-    table = Table(title=f"{record.run_id}: {record.status}", show_header=False)
+    table = Table(title=f"{record.run_id}: {record.status}", show_header=False, box=None, padding=(0, 0, 0, 2))
     if record.reason:
         table.add_row("why", record.reason)
     # What was published is of the scenario's own planner.
