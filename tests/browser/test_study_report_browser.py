@@ -28,7 +28,7 @@ def test_it_fits_and_its_colours_follow_the_scheme(open_page, page_path, width, 
 def test_figures_and_tables_have_names_for_screen_readers(open_page, page_path):
     page = open_page(page_path)
 
-    assert page.get_by_role("img").count() == 6
+    assert page.get_by_role("img").count() == 7
     assert page.get_by_role("table", name="Each cell against the baseline, on common seeds").count() == 1
     assert page.get_by_role("columnheader", name="p after Holm").count() == 1
     assert page.get_by_role("rowheader", name="idm_mobil").first.is_visible()

@@ -161,7 +161,7 @@ def test_mistakes_are_red_on_a_terminal_unless_no_colour_is_wanted(command):
     [
         (["run", "case2_"], ["case2_literal", "case2_rule_based"]),
         (["run", "case2", "--planner", "idm"], ["idm_mobil"]),
-        (["study", "ma"], ["main"]),
+        (["study", "mai"], ["main"]),
         (["run", "./my"], ["./my_scenario.yaml"]),
     ],
 )
