@@ -6,6 +6,7 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 from dataclasses import dataclass
 
 from sumo_hmdp.domain.maneuver import Lateral
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.planning.idm import Idm
 from sumo_hmdp.planning.stop_lines import nearest_line
@@ -144,7 +145,7 @@ def follow_in_lane(scene: Scene, vehicle: VehicleState, lane: int, idm: Idm) -> 
 
 def line_ahead(scene: Scene, vehicle: VehicleState, lane: int) -> VehicleState | None:
     """Return the nearest stop line ahead in a lane as a leader that stands there, None for all but the ego."""
-    line = nearest_line(vehicle, scene.stop_lines, {lane}) if vehicle.id == EGO_ID else None
+    line = nearest_line(vehicle, scene.stop_lines, LaneState(lane)) if vehicle.id == EGO_ID else None
     return None if line is None else VehicleState("stop line", line.x, vehicle.y, 0.0, lane, length=0.0)
 
 
