@@ -38,9 +38,10 @@ def nearest_line(ego: VehicleState, lines: Iterable[StopLine], state: LaneState)
     A line behind the front bumper has no effect: the ego cannot go back, and once it is beyond, standing there helps
     nobody.
     """
-    acting = (replace(line, x=place_of(ego, line, state.lane)) for line in lines if line.lanes & {*state.occupied})
-    ahead = (line for line in acting if ego.x <= line.x + DISTANCE_TOLERANCE)
-    return min(ahead, key=lambda line: line.x, default=None)
+    acting = ((place_of(ego, line, state.lane), line) for line in lines if not line.lanes.isdisjoint(state.occupied))
+    ahead = (pair for pair in acting if ego.x <= pair[0] + DISTANCE_TOLERANCE)
+    place, line = min(ahead, key=lambda pair: pair[0], default=(0.0, None))
+    return line if line is None or place == line.x else replace(line, x=place)
 
 
 def closed_from(problem: DecisionProblem, state: LaneState) -> float:
