@@ -49,10 +49,13 @@ class StopLine:
     Attributes:
         lanes: the lanes that it closes.
         x: where it is along the road [m].
+        leaving_x: where it is, at x or beyond, for a body that is only leaving these lanes and for an ego that is
+            beyond x now; None where that is x too [m].
     """
 
     lanes: frozenset[int]
     x: float
+    leaving_x: float | None = None
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from sumo_hmdp.planning.decide import Answer, make_plan, shortfalls
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import shares_lane, start_state
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
-from sumo_hmdp.planning.stop_lines import line_shortfalls
+from sumo_hmdp.planning.stop_lines import line_shortfalls, place_of
 
 
 class Cause(StrEnum):
@@ -54,13 +54,15 @@ class Breach:
         step: at which step, 1..H.
         row: of the branch that it concerns, None where it concerns the ego alone.
         metres: what is missing to the safe distance, or to the line; 0 where the ego would pass through.
-        line: the stop line that it concerns, None where it concerns none.
+        line: the stop line that it concerns, its x where it acts; None where it concerns none.
+        lane: that the ego intends where it passes the line.
     """
 
     step: int
     row: int | None
     metres: float
     line: StopLine | None = None
+    lane: int = 0
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,7 @@ def _line_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: Maneuv
     plan = make_plan(problem, lattice, sequence)
     for step, (line, beyond) in zip(plan, line_shortfalls(problem, plan), strict=True):
         if beyond > DISTANCE_TOLERANCE:
-            return Breach(step.step, None, beyond, line)
+            return Breach(step.step, None, beyond, line, step.lane)
     return None
 
 
@@ -222,7 +224,7 @@ def cause_of(
 
 
 def _cause_without_vehicle(last_problem: DecisionProblem, breach: Breach) -> Cause:
-    if breach.line is not None and not _was_closed(last_problem, breach.line):
+    if breach.line is not None and not _was_closed(last_problem, breach.line, breach.lane):
         cause = Cause.STOP_LINE
     elif breach.step == last_problem.settings.horizon_steps:
         cause = Cause.BASELINE
@@ -231,10 +233,13 @@ def _cause_without_vehicle(last_problem: DecisionProblem, breach: Breach) -> Cau
     return cause
 
 
-def _was_closed(problem: DecisionProblem, line: StopLine) -> bool:
-    """Tell whether a problem has a line in the same lanes at the same place or before it."""
+def _was_closed(problem: DecisionProblem, line: StopLine, intended: int) -> bool:
+    """Tell whether a problem has a line in the same lanes that stops who intends a lane at the same place or before."""
     return all(
-        any(lane in old.lanes and old.x <= line.x + DISTANCE_TOLERANCE for old in problem.stop_lines)
+        any(
+            lane in old.lanes and place_of(problem.ego, old, intended) <= line.x + DISTANCE_TOLERANCE
+            for old in problem.stop_lines
+        )
         for lane in line.lanes
     )
 

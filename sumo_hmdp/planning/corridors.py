@@ -143,7 +143,7 @@ def _closed(problem: DecisionProblem, lanes: LaneStep) -> FloatArray:
     """Return the x from which stop lines close each lane state of a step, shape (S,) [m]."""
     if not problem.stop_lines:
         return np.full(len(lanes.states), np.inf)
-    return np.array([closed_from(problem, state.occupied) for state in lanes.states])
+    return np.array([closed_from(problem, state) for state in lanes.states])
 
 
 def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:

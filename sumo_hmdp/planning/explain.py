@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.planning.decide import Answer
 from sumo_hmdp.planning.distance import safe_clearance
@@ -268,7 +269,7 @@ def _bounds(
 
 def _line_bounds(problem: DecisionProblem, lane: int) -> list[tuple[Bound, Bound]]:
     """Return what a stop line forbids in a lane: all that is beyond it."""
-    line = nearest_line(problem.ego, problem.stop_lines, {lane})
+    line = nearest_line(problem.ego, problem.stop_lines, LaneState(lane))
     if line is None:
         return []
     low, high = (Bound(x, "stop line", 0, x, 0.0, 0.0) for x in (line.x, np.inf))

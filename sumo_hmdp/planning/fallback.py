@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.hmdp.branches import Branches
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import nearest_line
@@ -29,7 +30,7 @@ def braking_demand(problem: DecisionProblem, branches: Branches) -> tuple[float,
         needed = MAX_BRAKE if gap <= 0 else min(MAX_BRAKE, closing_speed**2 / (2 * gap))
         if needed > demand:
             demand, blocker = needed, vehicle.state.id
-    line = nearest_line(ego, problem.stop_lines, {ego.lane})
+    line = nearest_line(ego, problem.stop_lines, LaneState(ego.lane))
     if line is not None:
         gap = line.x - ego.x
         needed = MAX_BRAKE if gap <= 0 else min(MAX_BRAKE, ego.speed**2 / (2 * gap))

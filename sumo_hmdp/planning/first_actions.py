@@ -17,6 +17,7 @@ from sumo_hmdp.planning.cost import objective
 from sumo_hmdp.planning.decide import Answer, Shortfall, make_plan, violation_of
 from sumo_hmdp.planning.problem import DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.search import search_best, search_relaxed
+from sumo_hmdp.planning.stop_lines import place_of
 
 
 class Verdict(StrEnum):
@@ -133,7 +134,9 @@ class _Judge:
 
     def _blamed_lines(self, action: FirstAction, worst: Shortfall) -> str:
         """Name the stop lines where they alone forbid an action, and the best plan falls short of a vehicle instead."""
-        ahead = sorted({line.x for line in self.problem.stop_lines if self.problem.ego.x <= line.x})
+        ego = self.problem.ego
+        places = {place_of(ego, line, lane) for line in self.problem.stop_lines for lane in line.lanes}
+        ahead = sorted(x for x in places if ego.x <= x)
         first = action.lateral, action.mode
         if not ahead or worst.line is not None:
             return ""

@@ -6,6 +6,7 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 from dataclasses import dataclass
 
 from sumo_hmdp.domain.maneuver import Lateral
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.planning.idm import Idm
 from sumo_hmdp.planning.stop_lines import nearest_line
@@ -54,7 +55,8 @@ class Mobil:
         goal: the lane that the route needs, None as published.
         swept: whether the body has to have room as well, which as published it has not: beyond safety for both
             followers the ego itself need not brake harder than safe_decel, unless it does so already, both gaps are
-            at least the IDM's at standstill, and no change begins below `LEAST_SPEED`.
+            at least the IDM's at standstill, and no change begins below `LEAST_SPEED` but before the end of a lane with
+            a merging room that is free in the new lane too.
     """
 
     politeness: float = 0.3
@@ -129,8 +131,12 @@ class Mobil:
             leader.x - leader.length for leader in (ahead, line_ahead(scene, vehicle, lane)) if leader is not None
         ]
         gaps = [rear - vehicle.x for rear in leaders]
+        if vehicle.speed < LEAST_SPEED:
+            room = merging_room(scene, vehicle)
+            if room is None or any(gap < room for gap in gaps):
+                return False
         gaps += [] if behind is None else [vehicle.x - vehicle.length - behind.x]
-        return vehicle.speed >= LEAST_SPEED and all(gap >= idm.min_gap for gap in gaps)
+        return all(gap >= idm.min_gap for gap in gaps)
 
 
 def follow_in_lane(scene: Scene, vehicle: VehicleState, lane: int, idm: Idm) -> float:
@@ -144,8 +150,16 @@ def follow_in_lane(scene: Scene, vehicle: VehicleState, lane: int, idm: Idm) -> 
 
 def line_ahead(scene: Scene, vehicle: VehicleState, lane: int) -> VehicleState | None:
     """Return the nearest stop line ahead in a lane as a leader that stands there, None for all but the ego."""
-    line = nearest_line(vehicle, scene.stop_lines, {lane}) if vehicle.id == EGO_ID else None
+    line = nearest_line(vehicle, scene.stop_lines, LaneState(lane)) if vehicle.id == EGO_ID else None
     return None if line is None else VehicleState("stop line", line.x, vehicle.y, 0.0, lane, length=0.0)
+
+
+def merging_room(scene: Scene, vehicle: VehicleState) -> float | None:
+    """Return how far a vehicle may go while it leaves a lane that ends [m], None where no line says so."""
+    line = nearest_line(vehicle, scene.stop_lines, LaneState(vehicle.lane)) if vehicle.id == EGO_ID else None
+    if line is None or line.leaving_x is None or line.leaving_x <= line.x:
+        return None
+    return line.leaving_x - vehicle.x
 
 
 def leader_in_lane(scene: Scene, vehicle: VehicleState, lane: int) -> VehicleState | None:

@@ -53,6 +53,7 @@ class RawDocument:
 def cross_checks(raw: RawDocument) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     yield from _lane_checks(raw)
+    yield from _line_checks(raw)
     yield from planner_checks(raw.get("planner"), "planner")
     start, horizon = raw.get("start_plan"), raw.integer("planner", "horizon_steps")
     if isinstance(start, list) and horizon is not None and len(start) != horizon:
@@ -88,6 +89,16 @@ def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
             yield Problem(text, f"must be 1..{count}, got {lane}")
     if isinstance(forbidden, list) and set(range(1, count + 1)) <= {x for x in forbidden if isinstance(x, int)}:
         yield Problem("planner.forbidden_lanes", "must leave the ego at least one lane; take one out")
+
+
+def _line_checks(raw: RawDocument) -> Iterator[Problem]:
+    for index in range(_length(raw.get("stop_lines"))):
+        x, leaving = raw.number("stop_lines", index, "x_m"), raw.number("stop_lines", index, "leaving_x_m")
+        if x is not None and leaving is not None and leaving < x:
+            yield Problem(
+                f"stop_lines[{index}].leaving_x_m",
+                f"must be at least x_m ({x:g} m), got {leaving:g} m; leave it out if equal",
+            )
 
 
 def planner_checks(planner: Any, path: str) -> Iterator[Problem]:  # noqa: ANN401 - anything may stand in a file

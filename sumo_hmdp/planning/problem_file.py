@@ -6,7 +6,7 @@ from typing import Any
 
 from sumo_hmdp.documents import read_json
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.hmdp.branches import PredictedVehicle
 from sumo_hmdp.hmdp.policy import Probabilities
@@ -107,8 +107,13 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
         ],
     }
     if problem.stop_lines:
-        document["stop_lines"] = [{"lanes": sorted(line.lanes), "x_m": line.x} for line in problem.stop_lines]
+        document["stop_lines"] = [_line_document(line) for line in problem.stop_lines]
     return document
+
+
+def _line_document(line: StopLine) -> dict[str, Any]:
+    leaving = {} if line.leaving_x is None else {"leaving_x_m": line.leaving_x}
+    return {"lanes": sorted(line.lanes), "x_m": line.x, **leaving}
 
 
 def _state_document(state: VehicleState) -> dict[str, Any]:

@@ -234,6 +234,7 @@ class StopLineFile(FileModel):
 
     lanes: Annotated[list[int], Field(min_length=1)]
     x_m: Number
+    leaving_x_m: Number | None = None
 
 
 class ProblemFile(FileModel):
@@ -266,5 +267,5 @@ class ProblemFile(FileModel):
                 for vehicle in self.vehicles
             ),
             start=start,
-            stop_lines=tuple(StopLine(frozenset(line.lanes), line.x_m) for line in self.stop_lines),
+            stop_lines=tuple(StopLine(frozenset(line.lanes), line.x_m, line.leaving_x_m) for line in self.stop_lines),
         )

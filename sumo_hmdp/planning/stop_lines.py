@@ -5,9 +5,11 @@ on the place where the ego would come to rest.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.domain.plan import ForbiddenInterval, PlanStep
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.hmdp.branches import IntArray
@@ -17,20 +19,34 @@ from sumo_hmdp.planning.occupancy import start_state, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, PlannerSettings
 
 
-def nearest_line(ego: VehicleState, lines: Iterable[StopLine], lanes: Iterable[int]) -> StopLine | None:
-    """Return the first line in any of some lanes that the ego has not passed, None where there is none.
+def place_of(ego: VehicleState, line: StopLine, lane: int) -> float:
+    """Return where a line stops an ego that takes up one of its lanes [m].
+
+    Args:
+        ego: now.
+        line: the line.
+        lane: that the ego intends.
+    """
+    if line.leaving_x is None or (lane in line.lanes and ego.x <= line.x + DISTANCE_TOLERANCE):
+        return line.x
+    return line.leaving_x
+
+
+def nearest_line(ego: VehicleState, lines: Iterable[StopLine], state: LaneState) -> StopLine | None:
+    """Return the first line that stops an ego in a lane state, its x where it does; None where there is none.
 
     A line behind the front bumper has no effect: the ego cannot go back, and once it is beyond, standing there helps
     nobody.
     """
-    wanted = frozenset(lanes)
-    ahead = (line for line in lines if wanted & line.lanes and ego.x <= line.x + DISTANCE_TOLERANCE)
-    return min(ahead, key=lambda line: line.x, default=None)
+    acting = ((place_of(ego, line, state.lane), line) for line in lines if not line.lanes.isdisjoint(state.occupied))
+    ahead = (pair for pair in acting if ego.x <= pair[0] + DISTANCE_TOLERANCE)
+    place, line = min(ahead, key=lambda pair: pair[0], default=(0.0, None))
+    return line if line is None or place == line.x else replace(line, x=place)
 
 
-def closed_from(problem: DecisionProblem, lanes: Iterable[int]) -> float:
-    """Return the x beyond which the ego may not be while it takes up some lanes [m], perhaps infinity."""
-    line = nearest_line(problem.ego, problem.stop_lines, lanes)
+def closed_from(problem: DecisionProblem, state: LaneState) -> float:
+    """Return the x beyond which the ego may not be in a lane state [m], perhaps infinity."""
+    line = nearest_line(problem.ego, problem.stop_lines, state)
     return np.inf if line is None else line.x
 
 
@@ -60,7 +76,7 @@ def line_shortfalls(problem: DecisionProblem, plan: Sequence[PlanStep]) -> Itera
     state = start_state(problem)
     for step in plan:
         state = state.after(step.lateral, sweep)
-        line = nearest_line(problem.ego, problem.stop_lines, state.occupied)
+        line = nearest_line(problem.ego, problem.stop_lines, state)
         beyond = step.x
         if step.step == problem.settings.horizon_steps:
             beyond += float(stopping_distance(problem.settings, step.speed, step.mode))
@@ -68,10 +84,10 @@ def line_shortfalls(problem: DecisionProblem, plan: Sequence[PlanStep]) -> Itera
 
 
 def closed_stretches(problem: DecisionProblem, lattice: EgoLattice) -> Iterator[ForbiddenInterval]:
-    """Yield what the lines close in each lane at each step, as far as the ego could come to rest; for display."""
+    """Yield what the lines close to who intends a lane, step by step, as far as the ego could come to rest; to show."""
     end = lattice.position_at(lattice.steps, farthest_stop(lattice))
     for k in range(1, lattice.steps + 1):
         for lane in range(1, problem.road.lane_count + 1):
-            closed = closed_from(problem, {lane})
+            closed = closed_from(problem, LaneState(lane))
             if closed < end:
                 yield ForbiddenInterval(k, lane, closed, end)

@@ -12,6 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator
 
+from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.planning.explain import Explanation
 from sumo_hmdp.planning.stop_lines import nearest_line
 from sumo_hmdp.report.figure_data import LaneView, Stretch, Track, View, ego_path, relative
@@ -157,7 +158,7 @@ def draw_ego(axes: Axes, view: View, explanation: Explanation, lane: int) -> Non
 def draw_stop_line(axes: Axes, view: View, explanation: Explanation, lane: int) -> None:
     """Draw the nearest stop line of a lane; it falls back behind an ego that cruises."""
     problem = explanation.problem
-    line = nearest_line(problem.ego, problem.stop_lines, {lane})
+    line = nearest_line(problem.ego, problem.stop_lines, LaneState(lane))
     if line is None:
         return
     places = [(k * view.period, relative(explanation, k, line.x)) for k in range(view.steps + 1)]

@@ -16,6 +16,9 @@ from sumo_hmdp.sim.routes import Routes
 _AMBER_DECEL, _AMBER_REACTION = 3.05, 1.0
 # The front bumper stops so far before the line, as SUMO's own vehicles do [m].
 _BEFORE_LINE = 1.0
+# Who has to leave a lane that ends stops so far before its end that it can start and change lanes before it: the way of
+# a lane change of 4 s from rest with 3 m/s2, as the ego's planner in town starts and changes lanes [m].
+_MERGING_ROOM = 0.5 * 3.0 * 4.0**2
 # A vehicle slower than this may come to rest where it is [m/s].
 _CRAWLS = 5.0
 # A vehicle slower than this stands [m/s].
@@ -52,8 +55,9 @@ def closed_lines(
 
     A line at amber, or before a blocked exit, is closed where the ego can stop before it as traffic engineers assume,
     or was told before. So who has been told to stop is not let through because it has come near in the meantime.
-    Lanes that do not lead along the road are closed where they end; to an ego that is not in one of them, from where it
-    is, so that it does not enter a lane that it would have to leave. So are lanes that do not exist where it is.
+    Lanes that do not lead along the road are closed where they end, and to who intends one of them a merging room
+    before that; to an ego that is not in one of them, from where it is, so that it does not enter a lane that it would
+    have to leave. So are lanes that do not exist where it is.
 
     Args:
         routes: of the network.
@@ -63,33 +67,44 @@ def closed_lines(
         told: the lines that were closed when the ego last decided.
     """
     signal = next((s for s in routes.network.signals if s.x_stop > ego.x), None)
-    closed: dict[float, set[int]] = {}
+    closed: dict[tuple[float, float | None], set[int]] = {}
     for index in np.flatnonzero(~routes.network.lane_exists([ego.x])[0]).tolist():
         # Whose body still is over a lane that it has left in time may go on.
         if not _in_lane(routes.network.road, ego, index + 1):
-            closed.setdefault(ego.x, set()).add(index + 1)
+            closed.setdefault((ego.x, None), set()).add(index + 1)
     for index, end in enumerate(routes.lane_ends(None, np.array([ego.x]))[0].tolist()):
         if not ego.x < end <= ego.x + _ROUTE_SIGHT:
             continue
         if not _in_lane(routes.network.road, ego, index + 1):
-            closed.setdefault(ego.x, set()).add(index + 1)
+            closed.setdefault((ego.x, None), set()).add(index + 1)
         elif end <= ego.x + _SIGHT:
-            closed.setdefault(_stopping_place(ego, end, told), set()).add(index + 1)
+            mine = [line for line in told if index + 1 in line.lanes]
+            closed.setdefault(_places_of_an_end(ego, end, mine), set()).add(index + 1)
     if signal is not None and signal.x_stop <= ego.x + _SIGHT:
         ahead = list(others)
         held = {lane for line in told if signal.x_stop - _BEFORE_LINE <= line.x <= signal.x_stop for lane in line.lanes}
         for lane, link in enumerate(signal.straight, 1):
             if link is not None and _closes(signal, lane, lights[signal.name][link], ego, ahead, held):
-                closed.setdefault(_stopping_place(ego, signal.x_stop, told), set()).add(lane)
-    return tuple(StopLine(frozenset(lanes), x) for x, lanes in sorted(closed.items()))
+                closed.setdefault((_stopping_place(ego, signal.x_stop, told), None), set()).add(lane)
+    places = sorted(closed, key=lambda place: place[0])
+    return tuple(StopLine(frozenset(closed[place]), *place) for place in places)
 
 
-def _stopping_place(ego: VehicleState, x_stop: float, told: Sequence[StopLine]) -> float:
-    """Return where the ego is to stop before a line [m].
+def _places_of_an_end(ego: VehicleState, end: float, told: Sequence[StopLine]) -> tuple[float, float]:
+    """Return where the ego is to stop before the end of a lane that it is in, and where while it leaves that lane [m].
+
+    Who is beyond the first place is to stop as soon as it can: the more room is left, the better.
+    """
+    leaving = _stopping_place(ego, end, told)
+    return min(leaving, _stopping_place(ego, end, told, _BEFORE_LINE + _MERGING_ROOM)), leaving
+
+
+def _stopping_place(ego: VehicleState, x_stop: float, told: Sequence[StopLine], room: float = _BEFORE_LINE) -> float:
+    """Return where the ego is to stop before a line, as a rule with some room left [m].
 
     Who is a little beyond that place has not passed the line: it is to stop as soon as it can, and to stay there.
     """
-    place = x_stop - _BEFORE_LINE
+    place = x_stop - room
     if ego.x <= place:
         return place
     before = [line.x for line in told if ego.x <= line.x <= x_stop]

@@ -53,6 +53,22 @@ def test_a_ride_through_the_town(call, tmp_path):
     assert ego.x_m.iloc[-1] > 324.0
 
 
+@pytest.mark.parametrize("planner", ["hmdp_mpc", "idm_mobil"])
+@pytest.mark.parametrize(("x", "merges"), [(1575.0, True), (1599.0, False)])
+def test_who_stands_at_the_end_of_a_lane_needs_a_merging_room(tmp_path, planner, x, merges):
+    # Lane 1 ends at 1600 m. Nobody is about: the first vehicle would come by after minutes.
+    document = yaml.safe_load(URBAN.read_text())
+    document["duration_s"] = 40.0
+    document["ego"] = {"x_m": x, "lane": 1, "speed_mps": 0.0, "lane_change_time_s": 4.0, "goal_x_m": 1850.0}
+    document["traffic"] |= {"density_vpkm_per_lane": 0.1, "side_flow_vph": 0.0}
+    alone = tmp_path / "alone.yaml"
+    alone.write_text(yaml.safe_dump(document))
+    record = execute(load_scenario(alone, RunOptions(planner=planner, solver="search")))
+    assert record.row["goal_reached"] is merges
+    rules = ("red_light_count", "junction_stop_count", "contact_count")
+    assert [record.row[name] for name in rules] == [0] * len(rules)
+
+
 def test_the_published_rules_with_a_goal_find_the_lane_of_the_route():
     # As published they never leave lane 1, which ends at the last signal.
     record = execute(load_scenario(URBAN, RunOptions(planner="idm_mobil", seed=4)))

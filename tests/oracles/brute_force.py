@@ -159,11 +159,20 @@ def stopping_place(problem, x, speed, mode):
     return x
 
 
-def beyond_lines(problem, lanes, place):
-    """Return by how many metres a place is beyond the stop lines of some lanes, those behind the ego now aside (23)."""
-    lines = problem.get("stop_lines", [])
-    ahead = [line for line in lines if problem["ego"]["x_m"] - line["x_m"] <= DISTANCE_TOLERANCE]
-    beyond = max((place - line["x_m"] for line in ahead if lanes & set(line["lanes"])), default=0.0)
+def beyond_lines(problem, lane, lanes, place):
+    """Return by how many metres a place is beyond the stop lines of an ego that intends a lane and takes up some (23).
+
+    A line has one place for who intends one of its lanes and has not passed that place now, and another for the rest;
+    what is behind the ego now counts nothing.
+    """
+    now, beyond = problem["ego"]["x_m"], 0.0
+    for line in problem.get("stop_lines", []):
+        if not lanes & set(line["lanes"]):
+            continue
+        near, far = line["x_m"], line.get("leaving_x_m", line["x_m"])
+        for x in [near, far] if lane in line["lanes"] else [far]:
+            if now - x <= DISTANCE_TOLERANCE:
+                beyond = max(beyond, place - x)
     return beyond if beyond > DISTANCE_TOLERANCE else 0.0
 
 
@@ -221,7 +230,7 @@ def ego_step(problem, branch_steps, before, lateral, mode, *, last):
         return None
     x, speed = moved
     leaving, lanes = lanes_after(problem, before, lane)
-    beyond = beyond_lines(problem, lanes, stopping_place(problem, x, speed, mode) if last else x)
+    beyond = beyond_lines(problem, lane, lanes, stopping_place(problem, x, speed, mode) if last else x)
     violation = step_violation(problem, before, lanes, x, speed, branch_steps, beyond)
     if violation is None:
         return None

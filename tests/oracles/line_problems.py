@@ -24,6 +24,9 @@ def random_line_problem(rng, *, horizon=None):
         planner["stopping"] = chance(rng, 0.8)
     count = pick(rng, [0, 1, 2], [0.05, 0.55, 0.4])
     problem["stop_lines"] = [_line(rng, problem) for _ in range(count)]
+    for line in problem["stop_lines"]:
+        if chance(rng, 0.5):
+            line["leaving_x_m"] = max(line["x_m"], _line(rng, problem)["x_m"])
     return problem
 
 

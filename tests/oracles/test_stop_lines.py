@@ -15,6 +15,10 @@ from sumo_hmdp.planning.problem import ManeuverSequence
 from sumo_hmdp.planning.problem_file import parse_problem
 
 
+def differ(one, other):
+    return any(one[key] != other[key] for key in ("status", "objective", "violation_m"))
+
+
 def compare(brute_force, line_problems, agreement, seed, count, solvers, **given):
     """Compare a number of problems; return what those were, of every third, whose lines made a difference."""
     seen = Counter()
@@ -27,7 +31,10 @@ def compare(brute_force, line_problems, agreement, seed, count, solvers, **given
         planner = document["planner"]
         open_road = brute_force.solve(document | {"stop_lines": []})
         closed = brute_force.solve(document)
-        if any(open_road[key] != closed[key] for key in ("status", "objective", "violation_m")):
+        if any("leaving_x_m" in line for line in document["stop_lines"]):
+            one_place = [{"lanes": line["lanes"], "x_m": line["x_m"]} for line in document["stop_lines"]]
+            seen["leaving"] += differ(brute_force.solve(document | {"stop_lines": one_place}), closed)
+        if differ(open_road, closed):
             seen.update([f"binding {status}", planner.get("occupancy", "target")])
             seen.update([planner.get("distance_rule", "fixed"), planner["horizon_steps"]])
             seen["stopping"] += planner.get("stopping", False)
@@ -40,6 +47,7 @@ def test_search_against_the_oracle(brute_force, line_problems, agreement, chunk)
     # A generator whose lines no longer bind would make this test say nothing.
     assert seen["binding optimal"] >= 8
     assert seen["binding relaxed"] >= 4
+    assert seen["leaving"] >= 1
     assert min(seen[rule] for rule in ("target", "swept", "fixed", "time_headway", "rss", "stopping", 2, 3, 4)) >= 1
 
 

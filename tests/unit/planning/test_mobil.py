@@ -168,6 +168,24 @@ def test_swept_a_change_needs_room_for_the_body():
     assert Mobil(swept=True, safe_decel=9.0).incentive(slow, slow.ego, 1, IDM) is None
 
 
+@pytest.mark.parametrize(
+    ("line", "near", "lateral"),
+    [
+        (StopLine(frozenset({2}), 2.0, 26.0), None, Lateral.LEFT),
+        # Behind one that lets it go no farther it would stand across two lanes.
+        (StopLine(frozenset({2}), 2.0, 26.0), 26.0, Lateral.LEFT),
+        (StopLine(frozenset({2}), 2.0, 26.0), 25.9, Lateral.KEEP),
+        (StopLine(frozenset({2}), 2.0), None, Lateral.KEEP),
+        (StopLine(frozenset({2}), 2.0, 2.0), None, Lateral.KEEP),
+        (StopLine(frozenset({3}), 2.0, 26.0), None, Lateral.KEEP),
+    ],
+)
+def test_swept_who_stands_before_a_merging_room_may_start_into_the_next_lane(line, near, lateral):
+    red = () if near is None else (StopLine(frozenset({1, 3}), near),)
+    now = Scene(0.0, ROAD, vehicle("ego", 0.0, 2, speed=0.0), (), (line, *red))
+    assert choose(now, swept=True, goal=GOAL) is lateral
+
+
 def test_swept_a_closed_lane_is_none():
     closed = replace(scene(ahead(10.0)), stop_lines=(StopLine(frozenset({1, 3}), 0.0),))
     assert choose(closed, swept=True, goal=GOAL) is Lateral.KEEP

@@ -44,8 +44,12 @@ def document(*lines, lane=2, speed=20.0, x=0.0, **planner):
         | planner,
         "ego": {"x_m": x, "y_m": 2.0 if lane == 1 else -2.0, "speed_mps": speed, "lane": lane, "mode": "cruise"},
         "vehicles": [],
-        "stop_lines": [{"lanes": list(lanes), "x_m": place} for lanes, place in lines],
+        "stop_lines": [_line(*line) for line in lines],
     }
+
+
+def _line(lanes, place, leaving=None):
+    return {"lanes": list(lanes), "x_m": place} | ({} if leaving is None else {"leaving_x_m": leaving})
 
 
 def problem(*lines, **changes):
@@ -97,6 +101,48 @@ def test_the_lane_beside_is_open():
     assert swept.reason == (
         "no plan keeps every distance and stop line; from step 2 the ego stops 70.00 m beyond the stop line at 30.00 m"
     )
+
+
+# From rest: accelerating twice leads to 1 m and 4 m, and from 4 m/s to rest 8 m farther after 4 m of cruising.
+@pytest.mark.parametrize(
+    ("leaving", "lane", "status"),
+    [
+        # The body is over lane 2 at both steps, and the ego must be able to rest before 16 m.
+        (16.0, 1, Status.OPTIMAL),
+        (None, 2, Status.OPTIMAL),
+    ],
+)
+def test_an_ego_at_a_merging_room_may_start_into_the_next_lane(leaving, lane, status):
+    starts = {"speed_weight": 20.0, "desired_speed_mps": 10.0, "occupancy": "swept"}
+    found = answer(problem(((2,), 0.0, leaving), speed=0.0, **starts), "both")
+    assert (found.status, found.plan[-1].lane) == (status, lane)
+    assert found.plan[-1].x == pytest.approx(0.0 if leaving is None else 4.0)
+
+
+def test_the_second_place_counts_for_a_body_that_leaves_and_for_who_is_beyond_the_first():
+    # A body over lane 2 comes to rest at 100 m at best, braking twice.
+    for leaving, status, violation in ((100.0, Status.OPTIMAL, 0.0), (97.0, Status.RELAXED, 3.0)):
+        left = answer(problem(((2,), 30.0, leaving), occupancy="swept"), "both")
+        assert (left.status, left.violation) == (status, pytest.approx(violation))
+        assert left.plan[-1].lane == 1
+        assert left.plan[0].lateral is Lateral.LEFT
+    beyond = answer(problem(((1, 2), -1.0, 99.0)), "both")
+    assert (beyond.status, beyond.violation) == (Status.RELAXED, pytest.approx(1.0))
+    assert beyond.reason.endswith("1.00 m beyond the stop line at 99.00 m")
+
+
+def test_audit_tells_a_second_place_that_came_nearer():
+    slow = {"occupancy": "swept", "lane_change_time_s": 8.0}
+    asked = problem(((2,), 30.0, 130.0), speed_weight=0.5, desired_speed_mps=20.0, **slow)
+    before = answer(asked, "search")
+    assert before.status is Status.OPTIMAL
+    step = before.plan[0]
+    y = asked.road.center_y(2) + 0.1
+    ego = replace(asked.ego, x=step.x, y=y, speed=step.speed, lane=step.lane, mode=step.mode)
+    nearer = replace(asked, ego=ego, stop_lines=(StopLine(frozenset({2}), 30.0, 50.0),))
+    told = audit(nearer, answer(nearer, "search"), (asked, before)).shifted_reason
+    assert told.startswith("stop_line:")
+    assert told.endswith("beyond the stop line at 50.00 m")
 
 
 def test_an_ego_that_stands_on_a_line_stays_there():
@@ -240,8 +286,9 @@ def test_fallback_brakes_for_a_line():
 
 
 def test_file_form():
-    asked = problem(((1, 2), 120.0), ((2,), 90.0))
+    asked = problem(((1, 2), 120.0), ((2,), 90.0), ((1,), 90.0, 114.0))
     assert parse_problem(problem_document(asked)) == asked
+    assert asked.stop_lines[2].leaving_x == 114.0
     assert asked.stop_lines[1] == StopLine(frozenset({2}), 90.0)
     without = problem_document(problem())
     assert "stop_lines" not in without
@@ -249,7 +296,7 @@ def test_file_form():
 
 
 def test_mistakes_in_lines_are_all_told():
-    content = document(((0, 2), 10.0), ((), 10.0), ((1,), float("nan")), ((3,), 10.0))
+    content = document(((0, 2), 10.0), ((), 10.0), ((1,), float("nan")), ((3,), 10.0), ((1,), 9.0, 8.0))
     content["stop_lines"][3]["x"] = 1.0
     with pytest.raises(InputError) as caught:
         parse_problem(content)
@@ -260,6 +307,7 @@ def test_mistakes_in_lines_are_all_told():
         "stop_lines[2].x_m",
         "stop_lines[3].lanes[0]",
         "stop_lines[3].x",
+        "stop_lines[4].leaving_x_m",
     }
 
 

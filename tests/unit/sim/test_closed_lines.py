@@ -99,7 +99,7 @@ def test_lanes_that_do_not_go_on_are_closed_whatever_the_light(routes):
     assert closed_lines(routes, lights(routes, "G"), ego, ()) == (closed_beside,)
     assert closed_lines(routes, lights(routes, "r"), ego, ()) == (closed_beside, StopLine(frozenset({2}), 1599.0))
     inside = replace(ego, lane=1, y=4.0)
-    expected = (StopLine(frozenset({3}), 1400.0), StopLine(frozenset({1}), 1599.0))
+    expected = (StopLine(frozenset({3}), 1400.0), StopLine(frozenset({1}), 1575.0, 1599.0))
     assert closed_lines(routes, lights(routes, "G"), inside, ()) == expected
 
 
@@ -107,7 +107,7 @@ def test_a_lane_that_ends_without_a_signal_is_closed_too():
     routes = Routes(read_network(NETWORKS / "highway_ramps.net.xml", Road(4, 4.0)))
     ego = replace(EGO, x=1560.0, y=-2.0, lane=3)
     assert closed_lines(routes, {}, ego, ()) == (StopLine(frozenset({4}), 1560.0),)
-    assert closed_lines(routes, {}, replace(ego, lane=4, y=-6.0), ()) == (StopLine(frozenset({4}), 1799.0),)
+    assert closed_lines(routes, {}, replace(ego, lane=4, y=-6.0), ()) == (StopLine(frozenset({4}), 1775.0, 1799.0),)
     # And nobody may enter it where it does not exist.
     assert closed_lines(routes, {}, replace(ego, x=1900.0), ()) == (StopLine(frozenset({4}), 1900.0),)
 

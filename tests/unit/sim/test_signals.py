@@ -93,12 +93,36 @@ def at_last(where, state="rrrGGG"):
 
 def test_lanes_that_only_turn_end_at_the_last_signal():
     left = VehicleState("ego", x=1400.0, y=4.0, speed=10.0, lane=1)
-    end, beside = StopLine(frozenset({1}), 1599.0), StopLine(frozenset({3}), 1400.0)
+    # 3 m/s2 for 4 s take 24 m.
+    end, beside = StopLine(frozenset({1}), 1575.0, 1599.0), StopLine(frozenset({3}), 1400.0)
     assert at_last(left) == (beside, end)
     # Also while it leaves the lane: 1 m beside the centre of lane 2 its body of 1.8 m is in lane 2 alone.
     leaving = VehicleState("ego", x=1400.0, y=1.2, speed=10.0, lane=2)
     assert at_last(leaving) == (beside, end)
     assert at_last(VehicleState("ego", x=1400.0, y=1.0, speed=10.0, lane=2)) == (StopLine(frozenset({1, 3}), 1400.0),)
+
+
+# From 6.1 m/s one second of reaction and 3.05 m/s2 take 6.1 + 6.1 m.
+@pytest.mark.parametrize(
+    ("x", "speed", "told", "place", "leaving"),
+    [
+        (1575.0, 0.0, (), 1575.0, 1599.0),
+        (1575.3, 0.0, (), 1575.3, 1599.0),
+        (1575.3, 0.1, (StopLine(frozenset({1}), 1575.5, 1599.0),), 1575.5, 1599.0),
+        # What another lane was told does not matter.
+        (1580.0, 6.1, (StopLine(frozenset({3}), 1580.0),), 1592.2, 1599.0),
+        (1590.0, 6.1, (), 1599.0, 1599.0),
+        (1599.2, 0.0, (), 1599.2, 1599.2),
+    ],
+)
+def test_who_is_late_stops_with_as_much_room_as_it_can(x, speed, told, place, leaving):
+    late = VehicleState("ego", x=x, y=4.0, speed=speed, lane=1)
+    (end,) = (
+        line
+        for line in closed_lines(ROUTES, {"signal_3": GREEN, "signal_4": "rrrGGG"}, late, (), told)
+        if 1 in line.lanes
+    )
+    assert (end.x, end.leaving_x) == (pytest.approx(place), pytest.approx(leaving))
 
 
 def test_a_lane_that_ends_soon_is_not_entered():
