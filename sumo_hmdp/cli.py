@@ -52,7 +52,7 @@ def main() -> None:
     """Run the command line; a mistake of the user ends with exit code 2 and one line per mistake."""
     try:
         # Without anything: the help, as somebody who types the bare name is looking for it.
-        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="sumo-hmdp", standalone_mode=False))
+        sys.exit(app(sys.argv[1:] or ["--help"], prog_name="sumo-hmdp", standalone_mode=False) or 0)
     except InputError as error:
         complain(error)
         sys.exit(BAD_INPUT)
