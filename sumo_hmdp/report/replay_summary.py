@@ -12,7 +12,7 @@ from sumo_hmdp.domain.plan import Status
 
 @dataclass(frozen=True)
 class SmallestGap:
-    """The smallest bumper-to-bumper gap between the ego and a vehicle in its lane.
+    """The smallest bumper-to-bumper gap between the ego and a vehicle in its path.
 
     Attributes:
         gap_m: negative where the two overlap [m].
@@ -34,7 +34,7 @@ class Summary:
     Attributes:
         distance_m: along the road, from the ego's first to its last record [m].
         speed_mean_mps: mean over the ego's records [m/s].
-        smallest_gap: over all instants, None where no vehicle ever shared the ego's lane.
+        smallest_gap: over all instants, None where no vehicle was ever in the ego's path.
         lane_changes: (time [s], new lane, whether it lies to the left) of each change of the ego's lane.
         statuses: how many decisions had each status.
         solve_time_median_ms: over all decisions [ms].
@@ -86,14 +86,14 @@ def _smallest_gap(data: Mapping[str, Any], ego: Mapping[str, Any]) -> SmallestGa
 
 
 def _gap(ego: Mapping[str, Any], other: Mapping[str, Any], frame: int, time: float) -> SmallestGap | None:
-    """Return the gap at one frame, or None where the two are not in one lane or one is not recorded."""
+    """Return the gap at one frame as `gap_min_m` defines it; None where the bodies do not overlap across the road."""
     i, j = frame - ego["first"], frame - other["first"]
-    lane, ego_x, other_x = ego["lane"][i], ego["x_m"][i], other["x_m"][j]
-    if ego_x is None or other_x is None or lane is None or lane != other["lane"][j]:
+    ego_x, other_x, ego_y, other_y = ego["x_m"][i], other["x_m"][j], ego["y_m"][i], other["y_m"][j]
+    if None in (ego_x, other_x, ego_y, other_y) or abs(other_y - ego_y) >= (ego["width_m"] + other["width_m"]) / 2:
         return None
-    ahead, behind = other_x - other["length_m"] - ego_x, ego_x - ego["length_m"] - other_x
-    # Of two intervals the larger difference is the one between the bumpers that face each other.
-    return SmallestGap(max(ahead, behind), time, other["id"], ahead >= behind)
+    if other_x >= ego_x:
+        return SmallestGap(other_x - other["length_m"] - ego_x, time, other["id"], ahead=True)
+    return SmallestGap(ego_x - ego["length_m"] - other_x, time, other["id"], ahead=False)
 
 
 def _lane_changes(data: Mapping[str, Any], ego: Mapping[str, Any]) -> tuple[tuple[float, int, bool], ...]:

@@ -232,6 +232,16 @@ def test_overlapping_vehicles_have_a_negative_gap(manifest):
     assert gap.gap_m == pytest.approx(12.0 - 4.5 - 10.0)
 
 
+# Two bodies of 1.8 m overlap across the road up to 1.8 m apart, whichever lane their fronts are in.
+@pytest.mark.parametrize(("lane", "y", "gap"), [(1, 1.79, 15.5), (2, 1.81, None)])
+def test_the_smallest_gap_is_to_who_is_in_the_path(manifest, lane, y, gap):
+    rows = [step(0, "ego", 10.0, 2, y_m=0.0), step(0, "other", 30.0, lane, y_m=y)]
+
+    found = summarize(replay_data(manifest, pd.DataFrame(rows), NO_DECISIONS)).smallest_gap
+
+    assert (None if found is None else found.gap_m) == gap
+
+
 def test_a_run_without_rows_still_has_a_page(manifest):
     manifest |= {"status": "failed", "reason": "no network"}
 
