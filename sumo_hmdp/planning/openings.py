@@ -62,17 +62,26 @@ def openings_of(corridors: Corridors, *, stopping: bool) -> tuple[Openings, ...]
         corridors: the corridor graph.
         stopping: whether there are speed levels of phase 1.
     """
-    levels = 2 * len(corridors.stages) + 1 if corridors.levelled else 1
-    phases = 1 + stopping if corridors.levelled else 1
+    if not corridors.levelled:
+        return tuple(_as_they_are(stage) for stage in corridors.stages)
+    levels, phases = 2 * len(corridors.stages) + 1, 1 + stopping
     found, before = [], np.zeros(1, dtype=np.int64)
     for stage in corridors.stages:
-        found.append(_arranged(stage, before, (stage.opening_count, levels, phases), levelled=corridors.levelled))
+        found.append(_arranged(stage, before, (stage.opening_count, levels, phases)))
         before = stage.opening
     return tuple(found)
 
 
-def _arranged(stage: Stage, before: IntArray, shape: tuple[int, int, int], *, levelled: bool) -> Openings:
-    """Arrange one step, given the opening of each window of the step before."""
+def _as_they_are(stage: Stage) -> Openings:
+    """Return one step in which each window is an opening of its own, in the same order."""
+    low, high, soft_low, soft_high = (
+        bound[:, None, None] for bound in (stage.low, stage.high, stage.soft_low, stage.soft_high)
+    )
+    return Openings(stage.lane, stage.stop_high, stage.moves, low, high, soft_low, soft_high, levelled=False)
+
+
+def _arranged(stage: Stage, before: IntArray, shape: tuple[int, int, int]) -> Openings:
+    """Arrange one step with speed levels, given the opening of each window of the step before."""
     lane, stop_high = np.zeros(shape[0], dtype=np.int64), np.zeros(shape[0])
     lane[stage.opening], stop_high[stage.opening] = stage.lane, stage.stop_high
     moves = np.zeros((1 + int(before.max(initial=-1)), shape[0]), dtype=bool)
@@ -93,5 +102,5 @@ def _arranged(stage: Stage, before: IntArray, shape: tuple[int, int, int], *, le
         high=windows(stage.high, -np.inf),
         soft_low=windows(stage.soft_low, np.inf),
         soft_high=windows(stage.soft_high, -np.inf),
-        levelled=levelled,
+        levelled=True,
     )
