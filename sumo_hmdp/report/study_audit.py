@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from sumo_hmdp.metrics.planned_distances import audit_run
 from sumo_hmdp.metrics.risk_audit import Verdict, violation_rates
 from sumo_hmdp.report.study_data import StudyData
 from sumo_hmdp.report.study_table import StudyTable, each, interval, listed, number
@@ -48,8 +47,7 @@ def audit_study(data: StudyData, traced: Sequence[TracedCell], notes: tuple[str,
         traced: its cells with traces.
         notes: what of it cannot be audited.
     """
-    audited = [audit_run(decisions, steps, cell.settings) for cell in traced for _, decisions, steps in cell.runs()]
-    audited = [part for part in audited if len(part)]
+    audited = [part for cell in traced for part in cell.planned if len(part)]
     if not audited:
         rates, steps = (pd.DataFrame(columns=["cell_label", *columns[1:]]) for columns in (_COLUMNS, _STEP_COLUMNS))
         return StudyAudit(rates, steps, notes or ("No planner of this study plans with a risk level.",))

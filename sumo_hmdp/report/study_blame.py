@@ -38,20 +38,22 @@ def blame_frame(traced: Sequence[TracedCell]) -> pd.DataFrame:
     """
     rows = []
     for cell in traced:
-        for claim in Claim:
-            counts, looked_up = dict.fromkeys(CAUSES, 0), 0
-            for _, decisions, steps in cell.runs():
-                audited = audit_run(decisions, steps, cell.settings, claim)
-                looked_up += int(audited["observed"].sum())
+        counts, looked_up = {claim: dict.fromkeys(CAUSES, 0) for claim in Claim}, dict.fromkeys(Claim, 0)
+        for (_, decisions, steps), planned in zip(cell.runs(), cell.planned, strict=True):
+            for claim in Claim:
+                audited = planned if claim is Claim.PLANNED else audit_run(decisions, steps, cell.settings, claim)
+                looked_up[claim] += int(audited["observed"].sum())
                 if not audited["violated"].any():
                     continue
                 # Only decisions with a violation need their branches opened.
                 broken = decisions["decision_index"].isin(audited.loc[audited["violated"], "decision_index"])
                 found = blame_violations(audited, decisions[broken], steps, cell.settings, claim)
                 for cause, count in found["blame"].value_counts().items():
-                    counts[Blame(str(cause))] += int(count)
-            causes = {f"{cause}_count": count for cause, count in counts.items()}
-            rows.append((cell.label, str(claim), looked_up, sum(counts.values()), *causes.values()))
+                    counts[claim][Blame(str(cause))] += int(count)
+        rows += [
+            (cell.label, str(claim), looked_up[claim], sum(counts[claim].values()), *counts[claim].values())
+            for claim in Claim
+        ]
     columns = ["cell_label", "claim", "trial_count", "violation_count", *(f"{cause}_count" for cause in CAUSES)]
     return pd.DataFrame(rows, columns=columns)
 

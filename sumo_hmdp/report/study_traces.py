@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import pandas as pd
 
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
+from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_run, audit_settings
 from sumo_hmdp.report.study_data import StudyData
 from sumo_hmdp.report.study_table import listed
 
@@ -35,6 +36,11 @@ class TracedCell:
         traces = dict(list(self.steps.groupby("run_id")))
         for run_id, decisions in self.decisions.groupby("run_id"):
             yield str(run_id), decisions, traces.get(run_id, self.steps.iloc[:0])
+
+    @cached_property
+    def planned(self) -> tuple[pd.DataFrame, ...]:
+        """The audit of each run's plans, in the order of `runs`; rates and causes both rest on it."""
+        return tuple(audit_run(decisions, steps, self.settings) for _, decisions, steps in self.runs())
 
 
 def traced_cells(data: StudyData) -> tuple[tuple[TracedCell, ...], tuple[str, ...]]:
