@@ -57,7 +57,7 @@ test: check docs browser ## everything that must hold: check, the site, then all
 paper: setup ## every figure and claim of the paper from our runs, into docs/ (about a minute)
 	$(VENV_PYTHON) analysis/01_paper_cases.py --figures docs/figures --page docs/reproduction.md
 
-bench: setup ## decision times by horizon and vehicles, into docs/benchmarks.md (about ten minutes)
+bench: setup ## decision times by horizon and vehicles, into docs/benchmarks.md (about a minute)
 	$(VENV_PYTHON) analysis/04_decision_times.py > docs/benchmarks.md.partial
 	mv docs/benchmarks.md.partial docs/benchmarks.md
 
