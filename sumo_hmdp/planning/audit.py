@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, ManeuverState, Mode
-from sumo_hmdp.domain.plan import Status
+from sumo_hmdp.domain.plan import PlanStep, Status
 from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
@@ -141,9 +141,10 @@ def first_breach(problem: DecisionProblem, answer: Answer, sequence: ManeuverSeq
         answer: its answer, for the prediction and the margins.
         sequence: any sequence of H maneuvers.
     """
+    plan = make_plan(problem, answer.lattice, sequence)
     own = _own_breach(problem, answer.lattice, sequence)
-    line = _line_breach(problem, answer.lattice, sequence)
-    traffic = _traffic_breach(problem, answer, sequence)
+    line = _line_breach(problem, plan)
+    traffic = _traffic_breach(problem, answer, plan)
     found = [breach for breach in (own, line, traffic) if breach is not None]
     return min(found, key=lambda breach: breach.step, default=None)
 
@@ -160,17 +161,17 @@ def _own_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: Maneuve
     return None
 
 
-def _line_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> Breach | None:
-    plan = make_plan(problem, lattice, sequence)
+def _line_breach(problem: DecisionProblem, plan: tuple[PlanStep, ...]) -> Breach | None:
+    if not problem.stop_lines:
+        return None
     for step, (line, beyond) in zip(plan, line_shortfalls(problem, plan), strict=True):
         if beyond > DISTANCE_TOLERANCE:
             return Breach(step.step, None, beyond, line, step.lane)
     return None
 
 
-def _traffic_breach(problem: DecisionProblem, answer: Answer, sequence: ManeuverSequence) -> Breach | None:
+def _traffic_breach(problem: DecisionProblem, answer: Answer, plan: tuple[PlanStep, ...]) -> Breach | None:
     branches = answer.branches
-    plan = make_plan(problem, answer.lattice, sequence)
     if not all(problem.road.has_lane(step.lane) for step in plan):
         return None
     shared: NDArray[np.bool_] = shares_lane(problem, start_state(problem))[branches.vehicle]

@@ -21,6 +21,10 @@ from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
 
 
+# Time, x, y, heading, speed and acceleration of a vehicle, its lane and its mode.
+_NUMBERS = struct.Struct("<6d2q")
+
+
 class Driver(Protocol):
     """Who decides the acceleration of a scripted vehicle."""
 
@@ -123,10 +127,11 @@ class TraceHash:
 
     def add(self, moment: Moment) -> None:
         """Take one instant in."""
-        for vehicle in (moment.scene.ego, *moment.scene.others):
-            self._digest.update(vehicle.id.encode())
-            numbers = (moment.scene.time, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, vehicle.accel)
-            self._digest.update(struct.pack("<6d2q", *numbers, vehicle.lane, vehicle.mode))
+        time = moment.scene.time
+        parts = []
+        for v in (moment.scene.ego, *moment.scene.others):
+            parts += v.id.encode(), _NUMBERS.pack(time, v.x, v.y, v.heading, v.speed, v.accel, v.lane, v.mode)
+        self._digest.update(b"".join(parts))
         if moment.decision is not None:
             decision = moment.decision
             self._digest.update(f"{decision.status}{decision.lateral}{decision.mode}".encode())
@@ -178,9 +183,7 @@ def run_episode(
             decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
             require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, memory, scene)
-        # The record is of what was seen; the others react to what was decided.
-        decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
-        carry, speeds, tracking = drive(settings, motion, carry, decided)
+        carry, speeds, tracking = drive(settings, motion, carry, scene)
         observe(replace(moment, decision=decision, tracking=tracking))
         poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
         world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
@@ -202,7 +205,7 @@ def start(settings: EpisodeSettings, motion: Motion[Any], planner: Planner[Any])
 
 def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> VehicleState:
     """Return the ego as others see it: its front bumper, and the lane and mode it intends."""
-    return replace(motion.place(carry.ego, settings.ego), lane=carry.command.lane, mode=carry.mode)
+    return motion.place(carry.ego, settings.ego, carry.command.lane, carry.mode)
 
 
 def observe_scene(
@@ -213,16 +216,20 @@ def observe_scene(
     A vehicle drawn from the model has the mode and the lane intent that were drawn for it.
     """
     time = step * settings.dt
-    others = []
-    for other in world.observe():
+
+    def known(other: VehicleState) -> VehicleState:
         if other.id in carry.driver_modes:
-            other = replace(other, mode=carry.driver_modes[other.id])  # noqa: PLW2901
-        elif other.id in settings.paths:
+            return replace(other, mode=carry.driver_modes[other.id])
+        if other.id in settings.paths:
             drawn = settings.paths[other.id].at(time)
-            other = replace(other, mode=drawn.mode, lane=drawn.lane, accel=drawn.accel)  # noqa: PLW2901
-        others.append(other)
+            return replace(other, mode=drawn.mode, lane=drawn.lane, accel=drawn.accel)
+        return other
+
+    others = world.observe()
+    if carry.driver_modes or settings.paths:
+        others = tuple(known(other) for other in others)
     ego = ego_state(settings, motion, carry)
-    return Scene(time, settings.road, ego, tuple(others), world.stop_lines(others, carry.told))
+    return Scene(time, settings.road, ego, others, world.stop_lines(others, carry.told))
 
 
 def drawn_poses(settings: EpisodeSettings, scene: Scene, time: float) -> list[VehicleState]:
@@ -254,13 +261,17 @@ def drive(
 ) -> tuple[Carry, dict[str, float], TrackingInfo | None]:
     """Return the carry with the ego one step on, the speeds that the scripted vehicles take, and the QP's report."""
     ego, tracking = motion.move(carry.ego, scene.time)
+    if not settings.drivers:
+        return replace(carry, ego=ego), {}, tracking
+    # The record is of what was seen; the others react to what was decided.
+    decided = replace(scene, ego=replace(scene.ego, lane=carry.command.lane, mode=carry.mode))
     memories, modes, speeds = dict(carry.driver_memories), dict(carry.driver_modes), {}
     for vehicle in scene.others:
         driver = settings.drivers.get(vehicle.id)
         if driver is None:
             continue
         accel, modes[vehicle.id], memories[vehicle.id] = driver.accelerate(
-            scene, vehicle, memories[vehicle.id], settings.dt
+            decided, vehicle, memories[vehicle.id], settings.dt
         )
         speeds[vehicle.id] = max(0.0, vehicle.speed + accel * settings.dt)
     return (

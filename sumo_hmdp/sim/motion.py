@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Protocol, TypeVar
 
+from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Command
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
@@ -57,8 +58,8 @@ class Motion(Protocol[State]):
         """Return the state after a step at whose end the world has the ego so."""
         ...
 
-    def place(self, state: State, ego: VehicleState) -> VehicleState:
-        """Return the ego with its pose, speed and acceleration as in the state."""
+    def place(self, state: State, ego: VehicleState, lane: int, mode: Mode) -> VehicleState:
+        """Return the ego with the lane and mode that it intends, its pose, speed and acceleration as in the state."""
         ...
 
 
@@ -120,11 +121,13 @@ class BicycleMotion:
         del ego
         return state
 
-    def place(self, state: TrackedBicycle, ego: VehicleState) -> VehicleState:
+    def place(self, state: TrackedBicycle, ego: VehicleState, lane: int, mode: Mode) -> VehicleState:
         """Return the ego where the bicycle's front bumper is."""
         x, y = bicycle.front_bumper(state.vehicle, self.tracker.parameters)
         now = state.vehicle
-        return replace(ego, x=x, y=y, speed=now.speed, accel=now.accel, heading=now.heading)
+        return replace(
+            ego, x=x, y=y, speed=now.speed, lane=lane, mode=mode, accel=now.accel, heading=now.heading
+        )
 
 
 @dataclass(frozen=True)
@@ -175,10 +178,12 @@ class PointMassMotion:
         del ego
         return state
 
-    def place(self, state: CommandedPoint, ego: VehicleState) -> VehicleState:
+    def place(self, state: CommandedPoint, ego: VehicleState, lane: int, mode: Mode) -> VehicleState:
         """Return the ego where the point is."""
         now = state.vehicle
-        return replace(ego, x=now.x, y=now.y, speed=now.speed, accel=now.accel, heading=now.heading)
+        return replace(
+            ego, x=now.x, y=now.y, speed=now.speed, lane=lane, mode=mode, accel=now.accel, heading=now.heading
+        )
 
 
 @dataclass(frozen=True)
@@ -209,10 +214,10 @@ class SumoMotion:
         del state
         return ego
 
-    def place(self, state: VehicleState, ego: VehicleState) -> VehicleState:
-        """Return the ego as the world has it."""
+    def place(self, state: VehicleState, ego: VehicleState, lane: int, mode: Mode) -> VehicleState:
+        """Return the ego as the world has it, with the lane and mode that are reported of it."""
         del ego
-        return state
+        return replace(state, lane=lane, mode=mode)
 
 
 def motion_of(

@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 X, Y, HEADING, SPEED, STEERING, ACCEL = range(6)
 JERK, RATE = range(2)
 STATE_SIZE, INPUT_SIZE = 6, 2
+_IDENTITY = np.eye(STATE_SIZE)
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,15 @@ def transitions(points: FloatArray, parameters: BicycleParameters, durations: Fl
         durations: of the steps [s], shape (N,).
     """
     rates, J = _derivatives(points, parameters)
-    identity, h = np.eye(STATE_SIZE), durations[:, None, None]
-    J2 = J @ J
-    J3 = J2 @ J
-    A = identity + h * J + h**2 / 2 * J2 + h**3 / 6 * J3  # (N, 6, 6)
-    held = h * (identity + h / 2 * J + h**2 / 6 * J2 + h**3 / 24 * J3)  # (N, 6, 6), integral of exp(J t)
+    # J @ J and J @ J @ J, of which few entries are not zero.
+    J2, J3 = np.zeros_like(J), np.zeros_like(J)
+    J2[:, :HEADING, SPEED:ACCEL] = J[:, :HEADING, HEADING, None] * J[:, HEADING, None, SPEED:ACCEL]
+    J2[:, :SPEED, ACCEL] = J[:, :SPEED, SPEED]
+    J3[:, :HEADING, ACCEL] = J2[:, :HEADING, SPEED]
+    h = durations[:, None, None]
+    square, cube = h**2, h**3
+    A = _IDENTITY + h * J + square / 2 * J2 + cube / 6 * J3  # (N, 6, 6)
+    held = h * (_IDENTITY + h / 2 * J + square / 6 * J2 + cube / 24 * J3)  # (N, 6, 6), integral of exp(J t)
     B = held[:, :, [ACCEL, STEERING]]  # (N, 6, 2), as jerk drives accel, and the rate the steering angle
     c = np.einsum("kij,kj->ki", held, rates - np.einsum("kij,kj->ki", J, points))  # (N, 6)
     return Transitions(A, B, c)

@@ -170,15 +170,14 @@ class TrackingProgram:
         """Return the entries of the constraint matrix in the solver's order."""
         B = transitions.B * self._input_units / self._state_units[:, None]
         A = transitions.A[1:] * self._state_units / self._state_units[:, None]
-        entries = np.concatenate([-B[:, B_PATTERN].ravel(), -A[:, A_PATTERN].ravel(), self._ones])
-        return entries[self._order]
+        return np.concatenate([-B.ravel(), -A.ravel(), self._ones]).take(self._order)
 
 
 def _constraint_pattern(steps: int) -> tuple[sp.csc_matrix, IntArray]:
     """Return the constraint matrix with ones in its pattern, and where each of its data comes from.
 
-    The entries are listed as in `_matrix_data`: B of all steps, A of all but the first, the unit entries of
-    the next states, the unit entries of the bounds.
+    Its data are counted as in `_matrix_data`: B of all steps, A of all but the first, the unit entries of the next
+    states, the unit entries of the bounds. Entries of B and A that are always zero are counted, but in no place.
     """
     k = np.arange(steps)[:, None]
     b_row, b_column = np.nonzero(B_PATTERN)
@@ -196,9 +195,16 @@ def _constraint_pattern(steps: int) -> tuple[sp.csc_matrix, IntArray]:
         STAGE_SIZE * k + INPUT_SIZE + state,
         STAGE_SIZE * k + BOUNDED,
     )
-    row, column = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
+    b_count, a_count = steps * STATE_SIZE * INPUT_SIZE, (steps - 1) * STATE_SIZE**2
+    numbers = (
+        STATE_SIZE * INPUT_SIZE * k + INPUT_SIZE * b_row + b_column,
+        b_count + STATE_SIZE**2 * k[:-1] + STATE_SIZE * a_row + a_column,
+        b_count + a_count + np.arange(steps * (STATE_SIZE + BOUND_SIZE)),
+    )
+    row, column, number = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns, numbers))
     shape = (steps * (STATE_SIZE + BOUND_SIZE), steps * STAGE_SIZE)
-    numbered = sp.csc_matrix((np.arange(1.0, len(row) + 1), (row, column)), shape=shape)
+    # Numbered from 1, as an entry of zero would be none.
+    numbered = sp.csc_matrix((number + 1.0, (row, column)), shape=shape)
     numbered.sort_indices()
     order = numbered.data.astype(np.intp) - 1
     numbered.data[:] = 1.0
