@@ -150,7 +150,11 @@ class Recorder:
 
     def step_table(self) -> pd.DataFrame:
         """Return the `steps` table with all vehicles."""
-        return pd.DataFrame(self.steps, columns=list(STEP_COLUMNS)).astype(STEP_COLUMNS)
+        columns = zip(*self.steps, strict=True) if self.steps else ((),) * len(STEP_COLUMNS)
+        # Column by column: pandas would look at every value to find out its type.
+        return pd.DataFrame(
+            {name: pd.array(values, kind) for (name, kind), values in zip(STEP_COLUMNS.items(), columns, strict=True)}
+        )
 
     def decision_table(self) -> pd.DataFrame:
         """Return the `decisions` table."""

@@ -33,14 +33,15 @@ STAGE_SIZE = INPUT_SIZE + STATE_SIZE
 BOUNDED = np.array([0, 1, INPUT_SIZE + SPEED, INPUT_SIZE + STEERING, INPUT_SIZE + ACCEL])
 BOUND_SIZE = len(BOUNDED)
 
-START_RHO = 10.0
+# With it and the start of `_following` most solutions take 5 to 20 iterations, and rho need not be adapted.
+START_RHO = 0.3
 SETTINGS: dict[str, Any] = {
     # The units scale well enough, and the solver's own scaling carries round-off from one solution to the next.
     "scaling": 0,
     "rho": START_RHO,
     "adaptive_rho": 1,  # by iterations, never by time
     "adaptive_rho_interval": 20,
-    "check_termination": 10,
+    "check_termination": 5,
     "eps_abs": 1e-5,
     "eps_rel": 1e-5,
     "polishing": True,
@@ -84,7 +85,7 @@ class Solution:
         status: in the solver's words.
         iterations: it took.
         inputs: jerk [m/s3] and steering rate [rad/s], shape (N, 2); without meaning unless solved.
-        warm_start: for the next solution, this one with x counted from the first step's; None unless solved.
+        warm_start: for the solution one step later; None unless solved.
     """
 
     solved: bool
@@ -108,6 +109,8 @@ class TrackingProgram:
         self.steps = steps = len(durations)
         self._units = 1 / np.sqrt(costs)
         self._input_units, self._state_units = np.split(self._units, [INPUT_SIZE])
+        self._equal_steps = bool((durations == durations[0]).all())
+        self._adapted = False
         self._costs = np.repeat(durations / durations[-1], STAGE_SIZE)
         self._cold = WarmStart(np.zeros(steps * STAGE_SIZE), np.zeros(steps * (STATE_SIZE + BOUND_SIZE)))
         matrix, self._order = _constraint_pattern(steps)
@@ -153,24 +156,45 @@ class TrackingProgram:
             u=np.concatenate((dynamics, upper)),
             Ax=self._matrix_data(transitions),
         )
-        # The solver adapts rho during a solution: every one starts from the same.
-        self._solver.update_settings(rho=START_RHO)
+        if self._adapted:
+            # The solver adapts rho during a solution: every one starts from the same.
+            self._solver.update_settings(rho=START_RHO)
         self._solver.warm_start(x=begin.unknowns, y=begin.multipliers)
         result = self._solver.solve(raise_error=False)
         solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
+        self._adapted = result.info.rho_updates > 0
         unknowns = np.array(result.x).reshape(self.steps, STAGE_SIZE)
         inputs = unknowns[:, :INPUT_SIZE] * self._input_units
-        following = None
-        if solved:
-            unknowns[:, INPUT_SIZE + X] -= unknowns[0, INPUT_SIZE + X]
-            following = WarmStart(unknowns.ravel(), np.array(result.y))
+        following = self._following(unknowns, np.array(result.y)) if solved else None
         return Solution(solved, str(result.info.status), int(result.info.iter), inputs, following)
+
+    def _following(self, unknowns: FloatArray, multipliers: FloatArray) -> WarmStart:
+        """Return what is likely to solve the program one step later, in which x counts from the front bumper then.
+
+        Where all steps are equal that is the rest of the solution, its last step repeated. Where the first one is
+        shorter the steps of the next program lie nearly as far ahead of the vehicle as these.
+        """
+        if not self._equal_steps:
+            return WarmStart(unknowns.ravel(), multipliers)
+        later = _without_first(unknowns)
+        x = INPUT_SIZE + X
+        if self.steps > 1:
+            later[-1, x] += unknowns[-1, x] - unknowns[-2, x]
+        later[:, x] -= unknowns[0, x]
+        dynamics, bounds = np.split(multipliers, [self.steps * STATE_SIZE])
+        rest = (_without_first(part.reshape(self.steps, -1)).ravel() for part in (dynamics, bounds))
+        return WarmStart(later.ravel(), np.concatenate([*rest]))
 
     def _matrix_data(self, transitions: Transitions) -> FloatArray:
         """Return the entries of the constraint matrix in the solver's order."""
         B = transitions.B * self._input_units / self._state_units[:, None]
         A = transitions.A[1:] * self._state_units / self._state_units[:, None]
         return np.concatenate([-B.ravel(), -A.ravel(), self._ones]).take(self._order)
+
+
+def _without_first(rows: FloatArray) -> FloatArray:
+    """Return rows 1.., the last one twice."""
+    return np.concatenate([rows[1:], rows[-1:]])
 
 
 def _constraint_pattern(steps: int) -> tuple[sp.csc_matrix, IntArray]:
