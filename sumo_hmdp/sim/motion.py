@@ -125,9 +125,7 @@ class BicycleMotion:
         """Return the ego where the bicycle's front bumper is."""
         x, y = bicycle.front_bumper(state.vehicle, self.tracker.parameters)
         now = state.vehicle
-        return replace(
-            ego, x=x, y=y, speed=now.speed, lane=lane, mode=mode, accel=now.accel, heading=now.heading
-        )
+        return replace(ego, x=x, y=y, speed=now.speed, lane=lane, mode=mode, accel=now.accel, heading=now.heading)
 
 
 @dataclass(frozen=True)

@@ -181,9 +181,9 @@ class TrackingProgram:
         if self.steps > 1:
             later[-1, x] += unknowns[-1, x] - unknowns[-2, x]
         later[:, x] -= unknowns[0, x]
-        dynamics, bounds = np.split(multipliers, [self.steps * STATE_SIZE])
-        rest = (_without_first(part.reshape(self.steps, -1)).ravel() for part in (dynamics, bounds))
-        return WarmStart(later.ravel(), np.concatenate([*rest]))
+        dynamics, bounds = multipliers[: self.steps * STATE_SIZE], multipliers[self.steps * STATE_SIZE :]
+        rest = [_without_first(part.reshape(self.steps, -1)).ravel() for part in (dynamics, bounds)]
+        return WarmStart(later.ravel(), np.concatenate(rest))
 
     def _matrix_data(self, transitions: Transitions) -> FloatArray:
         """Return the entries of the constraint matrix in the solver's order."""
