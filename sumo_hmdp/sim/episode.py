@@ -20,7 +20,6 @@ from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
 
-
 # Time, x, y, heading, speed and acceleration of a vehicle, its lane and its mode.
 _NUMBERS = struct.Struct("<6d2q")
 
@@ -128,7 +127,7 @@ class TraceHash:
     def add(self, moment: Moment) -> None:
         """Take one instant in."""
         time = moment.scene.time
-        parts = []
+        parts: list[bytes] = []
         for v in (moment.scene.ego, *moment.scene.others):
             parts += v.id.encode(), _NUMBERS.pack(time, v.x, v.y, v.heading, v.speed, v.accel, v.lane, v.mode)
         self._digest.update(b"".join(parts))

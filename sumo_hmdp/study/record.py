@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from sumo_hmdp.domain.maneuver import Mode
@@ -153,7 +154,10 @@ class Recorder:
         columns = zip(*self.steps, strict=True) if self.steps else ((),) * len(STEP_COLUMNS)
         # Column by column: pandas would look at every value to find out its type.
         return pd.DataFrame(
-            {name: pd.array(values, kind) for (name, kind), values in zip(STEP_COLUMNS.items(), columns, strict=True)}
+            {
+                name: pd.array(values, dtype="str") if kind == "str" else np.array(values, dtype=kind)
+                for (name, kind), values in zip(STEP_COLUMNS.items(), columns, strict=True)
+            }
         )
 
     def decision_table(self) -> pd.DataFrame:
