@@ -183,7 +183,9 @@ def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequenc
         reason = f"no plan keeps every distance{' and stop line' * bool(problem.stop_lines)}; {worst}"
     if not sequence.proven:
         status = Status.INCUMBENT if status is Status.OPTIMAL else status
-        reason = f"{reason}; " * bool(reason) + "the deadline came before the plan was proven to be the best"
+        late = "the deadline came before the plan was proven to be the best"
+        unsure = "the solver did not prove the plan to be the cheapest"
+        reason = f"{reason}; " * bool(reason) + (late if problem.settings.enforce_deadline else unsure)
     return Answer(
         status=status,
         objective=objective(problem.settings.preferences, common["lattice"], problem.ego.lane, sequence),

@@ -1,5 +1,6 @@
 """From a corridor graph to the best sequence of maneuvers, by the MILP."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,10 +103,13 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     for slack in CAP_SLACKS:
         data[compiled.slots["violation_cap"]] = least + slack / lattice.unit
         second = solve(compiled, data, _time_limit(problem))
+        if second.status == "Infeasible":
+            # The first plan is below every cap, so this is wrong. It is rare, and never seen with presolve.
+            second = solve(compiled, data, _time_limit(problem), presolve=True)
         cheapest = None if second.values is None else _sequence(compiled, second)
         if cheapest is not None and _violation(problem, lattice, corridors, cheapest) <= limit:
             return cheapest
-    return sequence
+    return replace(sequence, proven=False)
 
 
 def _violation(

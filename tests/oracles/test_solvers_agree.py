@@ -64,6 +64,12 @@ def test_a_step_has_one_speed_level(brute_force, agreement):
     assert agreement.disagreements(brute_force, document, ["milp", "search"])[1] == []
 
 
+def test_an_infeasibility_that_cannot_be_is_not_believed(brute_force, agreement):
+    # HiGHS calls the search for the least cost infeasible, although the plan of least violation is in it.
+    document = json.loads((NEAR_WHOLE[0].parents[1] / "wrong_infeasible.json").read_text())
+    assert agreement.disagreements(brute_force, document, ["milp", "search"])[1] == []
+
+
 def test_there_are_problems_with_ties():
     assert [path.stem for path in TIES] == ["least_violation", "likeliest_sequence"]
 
