@@ -113,7 +113,7 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
 
     Returns:
         For each vehicle the sequences whose probability reaches `sequence_threshold`, or the single likeliest
-        one where none does.
+        one where none does; of several the first in the order of actions.
     """
     H = settings.horizon_steps
     V = len(vehicles)
@@ -193,19 +193,21 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
     reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
     lanes, modes, probability = np.array([lane - 1]), np.array([mode + 1]), np.ones(1)
     threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
-    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one.
+    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one: the first of those that are as
+    # likely, since the same factors in another order may differ by rounding.
     lonely = bool(reachable[H][lane - 1, mode + 1] < threshold)
     allowed, best = (table, likeliest) if lonely else (usable, reachable)
+    if lonely:
+        threshold = likeliest[H][lane - 1, mode + 1] * (1 - THRESHOLD_SLACK)
     history = np.zeros((1, 0), dtype=np.int64)
     for k in range(H):
         next_lane = np.clip(lanes[:, None] + _LATERAL_OF_ACTION, 0, table.shape[0] - 1)
         next_mode = np.clip(modes[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
         child = probability[:, None] * allowed[lanes, modes]
         onward = best[H - 1 - k][next_lane, next_mode]
+        row, action = np.nonzero((child > 0) & (child * onward >= threshold))
         if lonely:
-            row, action = np.zeros(1, dtype=np.int64), (allowed[lanes, modes] * onward).argmax(axis=1)
-        else:
-            row, action = np.nonzero((child > 0) & (child * onward >= threshold))
+            row, action = row[:1], action[:1]
         history = np.column_stack([history[row], action])
         probability = child[row, action]
         lanes, modes = next_lane[row, action], next_mode[row, action]

@@ -16,7 +16,7 @@ from sumo_hmdp.hmdp.branches import Branches, predict
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import Corridors, carve, clearances
 from sumo_hmdp.planning.cost import objective
-from sumo_hmdp.planning.distance import clearance_to
+from sumo_hmdp.planning.distance import clearance_to, counted
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
 from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
@@ -183,7 +183,9 @@ def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequenc
         reason = f"no plan keeps every distance{' and stop line' * bool(problem.stop_lines)}; {worst}"
     if not sequence.proven:
         status = Status.INCUMBENT if status is Status.OPTIMAL else status
-        reason = f"{reason}; " * bool(reason) + "the deadline came before the plan was proven to be the best"
+        late = "the deadline came before the plan was proven to be the best"
+        unsure = "the solver did not prove the plan to be the cheapest"
+        reason = f"{reason}; " * bool(reason) + (late if problem.settings.enforce_deadline else unsure)
     return Answer(
         status=status,
         objective=objective(problem.settings.preferences, common["lattice"], problem.ego.lane, sequence),
@@ -284,13 +286,12 @@ def violation_of(
     total, worst = 0.0, Shortfall("no vehicle", 0, 0.0)
     by_step = zip(shortfalls(problem, plan, branches, margin), line_shortfalls(problem, plan), strict=True)
     for (k, rows, ahead, missing), (line, beyond) in by_step:
-        counted = np.where(missing > DISTANCE_TOLERANCE, missing, 0.0)
-        passed = beyond if beyond > DISTANCE_TOLERANCE else 0.0
-        total += float(counted[ahead].max(initial=0.0) + counted[~ahead].max(initial=passed))
-        if passed > max(worst.metres, counted.max(initial=0.0)):
+        short, passed = counted(missing), float(counted(np.array(beyond)))
+        total += float(short[ahead].max(initial=0.0) + short[~ahead].max(initial=passed))
+        if passed > max(worst.metres, short.max(initial=0.0)):
             worst = Shortfall("stop line", k + 1, passed, line)
-        elif counted.max(initial=0.0) > worst.metres:
-            at = int(counted.argmax())
+        elif short.max(initial=0.0) > worst.metres:
+            at = int(short.argmax())
             vehicle = branches.vehicles[branches.vehicle[rows[at]]]
-            worst = Shortfall(vehicle.state.id, k + 1, float(counted[at]))
+            worst = Shortfall(vehicle.state.id, k + 1, float(short[at]))
     return total, worst

@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_hmdp.hmdp.branches import Branches
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.problem import DecisionProblem
+from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,16 @@ def clearance_to(
         ahead=safe.ahead(np.array(problem.ego.length), own, speeds) + margin,
         behind=safe.behind(lengths, own, speeds) + margin,
     )
+
+
+def counted(missing: FloatArray, unit: float = 1.0) -> FloatArray:
+    """Return what counts of what is missing to some distances: all of it, or nothing within the tolerance (eq. 14).
+
+    Args:
+        missing: any shape, not above 0 where a distance is kept [unit].
+        unit: in which that is given [m].
+    """
+    return np.where(missing > DISTANCE_TOLERANCE / unit, missing, 0.0)
 
 
 def contact_clearance(problem: DecisionProblem, branches: Branches, safe: Clearance) -> Clearance:

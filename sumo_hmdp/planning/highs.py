@@ -248,6 +248,8 @@ def solve(
     data: FloatArray,
     time_limit: float = highspy.kHighsInf,
     start: FloatArray | None = None,
+    *,
+    presolve: bool = False,
 ) -> MilpResult:
     """Fill a compiled model in and solve it.
 
@@ -256,6 +258,7 @@ def solve(
         data: one number a slot.
         time_limit: of the solve [s]; what is known then is returned.
         start: values of the columns to start from, None for none.
+        presolve: whether to presolve a small model too.
     """
     values = compiled.coefficients.at(data)
     there = np.flatnonzero(values)
@@ -273,7 +276,8 @@ def solve(
     lp.a_matrix_.value_ = values[there]
     lp.integrality_ = list(compiled.kinds)
     solver = _solver()
-    solver.setOptionValue("presolve", "choose" if compiled.column_count >= PRESOLVE_FROM_COLUMNS else "off")
+    presolve |= compiled.column_count >= PRESOLVE_FROM_COLUMNS
+    solver.setOptionValue("presolve", "choose" if presolve else "off")
     # HiGHS counts the time of all solves in its life.
     solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
     solver.passModel(lp)

@@ -1,5 +1,6 @@
 """From a corridor graph to the best sequence of maneuvers, by the MILP."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, terminal_table
+from sumo_hmdp.planning.distance import counted
 from sumo_hmdp.planning.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.milp_data import Shape
@@ -29,7 +31,8 @@ _BOUNDS = {"low": -1.0, "high": 1.0, "soft_low": 0.0, "soft_high": 0.0}
 WHOLE_SLACK = 0.5
 STOPPING_SLACK = 1e-7
 
-# By how much the least violation may be exceeded in the search for the least cost, one after the other [m].
+# By how much the least violation may be exceeded in the search for the least cost, one after the other [m]. HiGHS
+# counts what is missing within the tolerance too, and from rounded ends, which is 4 H tolerances at most.
 CAP_SLACKS = (1e-3, 1e-4, 1e-5, DISTANCE_TOLERANCE)
 
 # Window counts are rounded up to these, so that few shapes are ever compiled.
@@ -100,10 +103,13 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     for slack in CAP_SLACKS:
         data[compiled.slots["violation_cap"]] = least + slack / lattice.unit
         second = solve(compiled, data, _time_limit(problem))
+        if second.status == "Infeasible":
+            # The first plan is below every cap, so this is wrong. It is rare, and never seen with presolve.
+            second = solve(compiled, data, _time_limit(problem), presolve=True)
         cheapest = None if second.values is None else _sequence(compiled, second)
         if cheapest is not None and _violation(problem, lattice, corridors, cheapest) <= limit:
             return cheapest
-    return sequence
+    return replace(sequence, proven=False)
 
 
 def _violation(
@@ -115,10 +121,10 @@ def _violation(
         return np.inf
     motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
     places = list(zip(corridors.stages, motions, windows, strict=True))
-    behind = sum(max(0.0, stage.soft_low[i] - motion.point) for stage, motion, i in places)
-    ahead = [max(0.0, motion.point - stage.soft_high[i]) for stage, motion, i in places]
+    behind = np.array([stage.soft_low[i] - motion.point for stage, motion, i in places])
+    ahead = np.array([motion.point - stage.soft_high[i] for stage, motion, i in places])
     ahead[-1] = max(ahead[-1], _beyond_line(problem, lattice, corridors, sequence, windows))
-    return float(behind + sum(ahead))
+    return float((counted(behind, lattice.unit) + counted(ahead, lattice.unit)).sum())
 
 
 def _beyond_line(
@@ -164,7 +170,8 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         move[k, :before, :count] = openings.moves
         windows["open"][k, :count] = openings.open
         for name, direction in _BOUNDS.items():
-            windows[name][k, :count] = np.where(openings.open, getattr(openings, name) + direction * slack, 0.0)
+            bound = np.where(openings.open, getattr(openings, name) + direction * slack, 0.0)
+            windows[name][k, :count] = bound if direction else _whole_if_near(bound, lattice)
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
     values: dict[str, Any] = {
@@ -209,6 +216,12 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         if name in values:
             data[place] = np.asarray(values[name], dtype=np.float64).ravel()
     return data
+
+
+def _whole_if_near(soft: FloatArray, lattice: EgoLattice) -> FloatArray:
+    """Return soft ends [units], whole where the tolerance lets them be: HiGHS gets no number that is nearly whole."""
+    whole = np.round(soft)
+    return np.where(np.abs(soft - whole) <= DISTANCE_TOLERANCE / lattice.unit, whole, soft)
 
 
 def start_values(

@@ -160,7 +160,8 @@ class ManeuverSequence:
     Attributes:
         laterals: lateral action of each step.
         modes: mode during each step, which is the mode after its action.
-        proven: whether it is proven to be the best; false only for what was known at an enforced deadline.
+        proven: whether it is proven to be the best; false for what was known at an enforced deadline, and for a relaxed
+            plan of least violation of which HiGHS could not tell whether it is the cheapest.
     """
 
     laterals: tuple[Lateral, ...]

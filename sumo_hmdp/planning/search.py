@@ -16,6 +16,7 @@ from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
 from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
+from sumo_hmdp.planning.distance import counted
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.openings import Openings, openings_of
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
@@ -160,7 +161,7 @@ def search_relaxed(
         if openings is steps[-1] and corridors.lines:
             beyond = np.maximum(beyond, _stopping_points(problem, lattice, prefixes)[:, None] - openings.stop_high)
         behind = openings.at(openings.soft_low, prefixes.level, prefixes.phase) - point
-        missing = np.maximum(behind, 0.0) + np.maximum(beyond, 0.0)
+        missing = counted(behind, lattice.unit) + counted(beyond, lattice.unit)
         shortfall.append(np.where(inside, missing, np.inf))
     to_here = [np.zeros((1, 1))]
     for openings, prefixes, missing in zip(steps, tree[1:], shortfall, strict=True):

@@ -87,11 +87,11 @@ class Stretch:
     high: FloatArray
 
     @classmethod
-    def of(cls, x: FloatArray, clearance: Clearance) -> "Stretch":
-        """Return the stretches about x; their ends are free, and a distance may miss its bound by the tolerance."""
+    def of(cls, x: FloatArray, clearance: Clearance, tolerance: float = DISTANCE_TOLERANCE) -> "Stretch":
+        """Return the stretches about x; their ends are free, and a distance may miss its bound by the tolerance [m]."""
         return cls(
-            x - np.maximum(clearance.behind - DISTANCE_TOLERANCE, 0.0),
-            x + np.maximum(clearance.ahead - DISTANCE_TOLERANCE, 0.0),
+            x - np.maximum(clearance.behind - tolerance, 0.0),
+            x + np.maximum(clearance.ahead - tolerance, 0.0),
         )
 
     def of_rows(self, rows: IntArray) -> "Stretch":
@@ -155,8 +155,10 @@ class Traffic:
         speeds = {lattice.speed_at(*level) for level in levels}
         stretches: dict[float, tuple[Stretch, Stretch]] = {}
         for speed in speeds:
-            soft = Stretch.of(branches.x, distances.safe(speed))
-            hard = soft if distances.hard is distances.safe else Stretch.of(branches.x, distances.hard(speed))
+            hard = soft = Stretch.of(branches.x, distances.hard(speed))
+            if distances.hard is not distances.safe:
+                # What is missing to a soft end is counted from the end itself.
+                soft = Stretch.of(branches.x, distances.safe(speed), tolerance=0.0)
             stretches[speed] = hard, soft
         rows = _in_reach(problem, lattice, branches, [soft for _, soft in stretches.values()])
         return cls(
@@ -208,8 +210,7 @@ class Traffic:
             behind = running(np.maximum, np.where(there, soft.high[merged.order, k], -np.inf), -np.inf)
             ahead = running(np.minimum, np.where(there, soft.low[merged.order, k], np.inf)[:, ::-1], np.inf)
             ends[2], ends[3] = behind[footprint, place], ahead[:, ::-1][footprint, place]
-        # Metres beyond a line are counted from the line itself, so that one that loses there what it gains elsewhere
-        # ties.
+        # Metres beyond a line are counted from the line itself too.
         closed = closed + (DISTANCE_TOLERANCE if hard is soft else 0.0)
         ends[3] = np.minimum(ends[3], closed[state])
         if hard is soft:

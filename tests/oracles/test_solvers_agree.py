@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 CHUNKS = 8
+TIES = sorted((Path(__file__).parent.parent / "fixtures" / "ties").glob("*.json"))
 NEAR_WHOLE = sorted((Path(__file__).parent.parent / "fixtures" / "near_whole").glob("*.json"))
 
 
@@ -60,4 +61,22 @@ def test_there_are_problems_with_numbers_near_whole():
 def test_a_step_has_one_speed_level(brute_force, agreement):
     # While speed levels were no binary columns, the MILP mixed two of them here and missed the least violation.
     document = json.loads((NEAR_WHOLE[0].parents[1] / "level_mix.json").read_text())
+    assert agreement.disagreements(brute_force, document, ["milp", "search"])[1] == []
+
+
+def test_an_infeasibility_that_cannot_be_is_not_believed(brute_force, agreement):
+    # HiGHS calls the search for the least cost infeasible, although the plan of least violation is in it.
+    document = json.loads((NEAR_WHOLE[0].parents[1] / "wrong_infeasible.json").read_text())
+    assert agreement.disagreements(brute_force, document, ["milp", "search"])[1] == []
+
+
+def test_there_are_problems_with_ties():
+    assert [path.stem for path in TIES] == ["least_violation", "likeliest_sequence"]
+
+
+@pytest.mark.parametrize("path", TIES, ids=lambda path: path.stem)
+def test_ties_do_not_hang_on_rounding(brute_force, agreement, path):
+    # Both solvers once told plans apart by the tolerance of their soft ends, and the prediction kept that one of two
+    # equally likely sequences whose product rounded higher.
+    document = json.loads(path.read_text())
     assert agreement.disagreements(brute_force, document, ["milp", "search"])[1] == []

@@ -1,6 +1,7 @@
 """Branches worked by hand, and against a walk through all 9^H sequences."""
 
 import itertools
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -64,6 +65,29 @@ def test_retained_branches_are_those_of_a_full_enumeration(threshold):
         assert p == pytest.approx(q, rel=1e-12)
         assert (lanes, modes) == (want_lanes, want_modes)
     assert branches.pruned[0] == pytest.approx(1 - sum(p for p, _ in kept.values()), abs=1e-12)
+
+
+def test_of_equally_likely_sequences_the_first_is_kept():
+    rng = np.random.default_rng(7)
+    tied = 0
+    for _ in range(60):
+        # Out of lane 1 and back now, or a step later: the same factors, multiplied in another order.
+        keep, right, back = rng.uniform((0.35, 0.35, 0.45), (0.4, 0.4, 0.6))
+        rows = ((1 - keep - right, keep, right), (back, 0.9 - back, 0.1), (0.9, 0.1, 0.0))
+        car = vehicle(rows, CRUISE, lane=int(rng.integers(1, 4)))
+        exact = {}
+        for actions in itertools.product((0, 3, 6), repeat=5):
+            state, probability = ManeuverState(car.state.lane, Mode.CRUISE), Fraction(1)
+            for a in actions:
+                probability *= Fraction(action_probabilities(car.policy)[state.lane - 1, 1, a])
+                state = transition(state, ACTIONS[a], 3) or state
+            exact[actions] = probability
+        likeliest = [actions for actions, p in exact.items() if p >= max(exact.values()) * (1 - Fraction(1, 10**12))]
+        tied += len(likeliest) > 1
+        branches = predict([car], settings(5, threshold=1.0))
+        laterals = [int(ACTIONS[a].lateral) for a in min(likeliest)]
+        assert branches.laterals.tolist() == [laterals]
+    assert tied >= 10
 
 
 def test_masked_actions_are_renormalised():

@@ -189,6 +189,24 @@ def test_a_relaxed_plan_names_who_is_too_near():
     assert "5.00 m too near" in found.reason
 
 
+@pytest.mark.parametrize("solver", ["milp", "search"])
+@pytest.mark.parametrize("ahead", [20.0, 20.0 - 5e-7])
+@pytest.mark.parametrize("here", [0.0, -397.1])
+def test_what_is_gained_behind_and_lost_ahead_ties(solver, ahead, here):
+    # Standing keeps the 20 m ahead, or misses them by less than counts, and lacks 5 m behind. Each metre forward lacks
+    # one less behind and one more ahead, so the violation is the same, and standing is free.
+    around = [car(here + x, speed=0.0, y=0.0) for x in (ahead, -15.0)]
+    stands = Preferences(speed_weight=1.0, desired_speed=0.0, speed_deadband=0.5)
+    ego = VehicleState("ego", here, 0.0, 0.0, 2)
+    found = answer(
+        problem(*around, ego=ego, stopping=True, preferences=stands, forbidden_lanes=frozenset({1, 3})), solver
+    )
+    assert found.status is Status.RELAXED
+    assert found.violation == pytest.approx(3 * 5.0)
+    assert found.objective == 0.0
+    assert {step.x for step in found.plan} == {here}
+
+
 # --- occupancy
 
 
