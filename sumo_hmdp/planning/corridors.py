@@ -9,7 +9,7 @@ Under a distance that depends on the ego's speed, each speed level has windows o
 """
 
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from sumo_hmdp.planning.windows import (
     Clearances,
     Cut,
     Level,
+    Place,
     Stretch,
     Traffic,
     farthest_points,
@@ -129,11 +130,16 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
     ]
     lanes = lane_steps(problem)
     traffic = Traffic.of(problem, lattice, branches, distances, chain.from_iterable(levels))
+    places = [
+        Place(k, lanes[k + 1], _closed(problem, lanes[k + 1]), level, reach)
+        for k in range(lattice.steps)
+        for level, reach in levels[k].items()
+    ]
+    cuts = iter(traffic.cuts(lattice, places))
     before = [traffic.start(problem, lanes[0])]
     stages: list[Stage] = []
     for k in range(lattice.steps):
-        closed = _closed(problem, lanes[k + 1])
-        after = [traffic.cut(lattice, k, lanes[k + 1], closed, *level) for level in levels[k].items()]
+        after = list(islice(cuts, len(levels[k])))
         stages.append(_stage(before, after, lanes[k + 1]))
         before = after
     return Corridors(stages=tuple(stages), states=tuple(step.states for step in lanes), levelled=levelled)
@@ -254,12 +260,14 @@ def forbidden_intervals(
     """
     occupied = occupied_lanes(problem, branches)
     stretch = Stretch.of(branches.x, safe_clearance(problem, branches, margin, problem.ego.speed))
+    horizon, lanes = problem.settings.horizon_steps, problem.road.lane_count
+    member = occupied.transpose(1, 2, 0).reshape(horizon * lanes, -1)
+    merged = merge(stretch.low.T, stretch.high.T, member, np.repeat(np.arange(horizon), lanes))
     found = []
-    for k in range(problem.settings.horizon_steps):
-        merged = merge(stretch.low[:, k], stretch.high[:, k], occupied[:, k].T)
-        for index, (first, reach) in enumerate(zip(merged.first, merged.reach, strict=True)):
-            starts = np.flatnonzero(first)
-            # What begins a block ends the one before it.
-            ends = zip(merged.low[starts[:-1]].tolist(), reach[starts[1:]].tolist(), strict=True)
-            found += [ForbiddenInterval(k + 1, index + 1, a, b) for a, b in ends]
+    for row, (first, reach) in enumerate(zip(merged.first, merged.reach, strict=True)):
+        k, index = divmod(row, lanes)
+        starts = np.flatnonzero(first)
+        # What begins a block ends the one before it.
+        ends = zip(merged.low[k, starts[:-1]].tolist(), reach[starts[1:]].tolist(), strict=True)
+        found += [ForbiddenInterval(k + 1, index + 1, a, b) for a, b in ends]
     return (*found, *closed_stretches(problem, lattice))

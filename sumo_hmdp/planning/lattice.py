@@ -121,10 +121,6 @@ class EgoLattice:
         """Return x after k steps on a lattice point [m]."""
         return self.drift(step) + self.unit * point
 
-    def to_units(self, step: int, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions x [m] at step k as real numbers of lattice units."""
-        return (x - self.drift(step)) / self.unit
-
     def advance(self, before: Motion, mode: int) -> Motion:
         """Return the motion one step on (docs/formulation.md, eq. 11)."""
         # A step of the drift is 2 v_0 / (accel T) units, so s grows by twice the speed gained plus the mode.

@@ -1,10 +1,10 @@
-"""The free windows of the ego at one step: what the branches leave free in each of its lane states.
+"""The free windows of the ego: what the branches leave free in each of its lane states, step by step.
 
-All lane states of a step are cut at once, one array row for those that take up the same lanes. Branches that stay
+All lane states of all steps are cut at once, one array row for those that take up the same lanes. Branches that stay
 behind, or ahead, of everything that the ego can reach are left out beforehand: in dense traffic that is most of them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,30 +40,47 @@ class Clearances:
 
 @dataclass(frozen=True)
 class Merged:
-    """Stretches of some rows, merged into blocks for each of U sets of lanes.
+    """Stretches merged into blocks, in J layers of n stretches, for R sets of lanes.
 
     Attributes:
-        order: (n,) the rows by the lower end of their stretch.
-        low: (n + 1,) lower ends in that order, then infinity.
-        first: (U, n + 1) whether a row in that order begins a block; true at the end, where a last one would.
-        reach: (U, n + 1) how far those before it reach; minus infinity before the first block.
+        order: (J, n) the stretches of each layer by their lower end.
+        low: (J, n + 1) lower ends in that order, then infinity.
+        spot: (R, n) where each set's stretches in the order of its layer lie in a flat (R, n) array.
+        member: (R, n) which stretches belong to each set, in the order of its layer.
+        first: (R, n + 1) whether a stretch in that order begins a block; true at the end, where a last one would.
+        reach: (R, n + 1) how far those before it reach; minus infinity before the first block.
     """
 
     order: IntArray
     low: FloatArray
+    spot: IntArray
+    member: BoolArray
     first: BoolArray
     reach: FloatArray
 
 
-def merge(low: FloatArray, high: FloatArray, member: BoolArray) -> Merged:
-    """Merge stretches from low to high, (n,) each, of the rows that belong to each of U sets of lanes, (U, n)."""
-    order = np.argsort(low, kind="stable")
-    member = member[:, order]
-    ends = np.append(low[order], np.inf)
-    reach = running(np.maximum, np.where(member, high[order], -np.inf), -np.inf)
+def merge(low: FloatArray, high: FloatArray, member: BoolArray, layer: IntArray) -> Merged:
+    """Merge stretches.
+
+    Args:
+        low: (J, n) lower ends.
+        high: (J, n) upper ends.
+        member: (R, n) which of them belong to each set of lanes.
+        layer: (R,) the layer of each set.
+    """
+    layers, count = low.shape
+    order = np.argsort(low, axis=1, kind="stable")
+    # Flat: NumPy's functions along an axis build index arrays that cost more than all else here.
+    of_layers = order + count * np.arange(layers)[:, None]
+    spot = order[layer] + count * np.arange(len(layer))[:, None]
+    high = high.take(of_layers)
+    ends = np.full((layers, count + 1), np.inf)
+    ends[:, :-1] = low.take(of_layers)
+    member = member.take(spot)
+    reach = running(np.maximum, np.where(member, high[layer], -np.inf), -np.inf)
     first = np.ones(reach.shape, dtype=bool)
-    first[:, :-1] = member & (ends[:-1] >= reach[:, :-1])
-    return Merged(order, ends, first, reach)
+    first[:, :-1] = member & (ends[layer, :-1] >= reach[:, :-1])
+    return Merged(order, ends, spot, member, first, reach)
 
 
 def running(extreme: np.ufunc, values: FloatArray, of_none: float) -> FloatArray:
@@ -97,6 +114,25 @@ class Stretch:
     def of_rows(self, rows: IntArray) -> "Stretch":
         """Return those of some rows."""
         return Stretch(self.low[rows], self.high[rows])
+
+
+@dataclass(frozen=True)
+class Place:
+    """One step at one speed level of the ego.
+
+    Attributes:
+        k: index of the step.
+        lanes: the ego's lane states at its end.
+        closed: (S,) where stop lines close each of them [m].
+        level: speed level and phase.
+        reach: between which lattice points the ego is there.
+    """
+
+    k: int
+    lanes: LaneStep
+    closed: FloatArray
+    level: Level
+    reach: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -181,49 +217,75 @@ class Traffic:
         block = np.where(shares, is_ahead, -1)[None]
         return Cut((0, 0), order, block, zero, behind, one, np.zeros((4, 1)), np.full(1, np.inf))
 
-    def cut(
-        self,
-        lattice: EgoLattice,
-        k: int,
-        lanes: LaneStep,
-        closed: FloatArray,
-        level: Level,
-        reach: tuple[float, float],
-    ) -> Cut:
-        """Merge the forbidden stretches at step index k into blocks and list the windows between them, within reach."""
-        hard, soft = self.stretches[lattice.speed_at(*level)]
-        member: BoolArray = lanes.occupied @ self.occupied[:, k].T
-        merged = merge(hard.low[:, k], hard.high[:, k], member)
-        state, place = np.nonzero(merged.first[lanes.footprint])
-        footprint = lanes.footprint[state]
+    def cuts(self, lattice: EgoLattice, places: Sequence[Place]) -> list[Cut]:
+        """Merge the forbidden stretches of each place into blocks and list the windows between them, within reach."""
+        if not places:
+            return []
+        hard, soft = zip(*(self.stretches[lattice.speed_at(*place.level)] for place in places), strict=True)
+        ks = [place.k for place in places]
+        # One row for each footprint of each place, and one state for each lane state of each place.
+        rows = np.cumsum([0, *(len(place.lanes.occupied) for place in places)])
+        layer = np.repeat(np.arange(len(places)), np.diff(rows))
+        state_layer = np.repeat(np.arange(len(places)), [len(place.lanes.footprint) for place in places])
+        state_row = np.concatenate([row + p.lanes.footprint for row, p in zip(rows.tolist(), places, strict=False)])
+        state_number = np.concatenate([np.arange(len(place.lanes.footprint)) for place in places])
+        closed = np.concatenate([place.closed for place in places])
+        member: BoolArray = np.concatenate([place.lanes.occupied @ self.occupied[:, place.k].T for place in places])
+        merged = merge(_of_steps([s.low for s in hard], ks), _of_steps([s.high for s in hard], ks), member, layer)
         numbers = np.cumsum(merged.first, axis=1) - 1
-        block = np.full(member.shape, -1, dtype=np.int64)
-        block[:, merged.order] = numbers[:, :-1]
-        block[~member] = -1
+        block = np.empty(member.shape, dtype=np.int64)
+        block.reshape(-1)[merged.spot] = np.where(merged.member, numbers[:, :-1], -1)
+
+        state, gap = np.nonzero(merged.first[state_row])
+        row, at = state_row[state], state_layer[state]
         ends = np.empty((4, len(state)))
-        ends[0], ends[1] = merged.reach[footprint, place], merged.low[place]
-        if hard is soft:
-            ends[2:] = ends[:2]
-        else:
+        ends[0], ends[1] = merged.reach[row, gap], merged.low[at, gap]
+        relaxed = hard[0] is not soft[0]
+        if relaxed:
             # Within a window the worst distance to all that is behind, and to all that is ahead, counts.
-            there = member[:, merged.order]
-            behind = running(np.maximum, np.where(there, soft.high[merged.order, k], -np.inf), -np.inf)
-            ahead = running(np.minimum, np.where(there, soft.low[merged.order, k], np.inf)[:, ::-1], np.inf)
-            ends[2], ends[3] = behind[footprint, place], ahead[:, ::-1][footprint, place]
+            far, near = (
+                np.take_along_axis(_of_steps(bounds, ks), merged.order, axis=1)[layer]
+                for bounds in ([s.high for s in soft], [s.low for s in soft])
+            )
+            behind = running(np.maximum, np.where(merged.member, far, -np.inf), -np.inf)
+            ahead = running(np.minimum, np.where(merged.member, near, np.inf)[:, ::-1], np.inf)[:, ::-1]
+            ends[2], ends[3] = behind[row, gap], ahead[row, gap]
+        else:
+            ends[2:] = ends[:2]
         # Metres beyond a line are counted from the line itself too.
-        closed = closed + (DISTANCE_TOLERANCE if hard is soft else 0.0)
+        closed = closed if relaxed else closed + DISTANCE_TOLERANCE
         ends[3] = np.minimum(ends[3], closed[state])
-        if hard is soft:
+        if not relaxed:
             ends[1] = ends[3]
-        units = _clipped_units(lattice, k + 1, ends, reach)
+        drift = np.array([lattice.drift(k + 1) for k in ks])
+        units = _clipped_units(lattice, drift[at], ends, np.array([place.reach for place in places]).T[:, at])
+        stops = (closed - drift[state_layer]) / lattice.unit
+        matters = (np.array(ks) + 1 == lattice.steps)[state_layer] & (stops < farthest_stop(lattice))
+        stop_high = np.where(matters, stops, np.inf)
+
         kept = np.flatnonzero(units[0] <= units[1])
-        stop_high = np.full_like(closed, np.inf)
-        if k + 1 == lattice.steps:
-            stops = (closed - lattice.drift(k + 1)) / lattice.unit
-            stop_high = np.where(stops >= farthest_stop(lattice), np.inf, stops)
-        number = numbers[footprint[kept], place[kept]]
-        state, place = state[kept], place[kept]
-        return Cut(level, merged.order, block, state, place, number, units[:, kept], stop_high[state])
+        ends_of = np.cumsum([0, *np.bincount(at[kept], minlength=len(places)).tolist()])
+        found = []
+        for j, place in enumerate(places):
+            mine = kept[ends_of[j] : ends_of[j + 1]]
+            found.append(
+                Cut(
+                    level=place.level,
+                    order=merged.order[j],
+                    block=block[rows[j] : rows[j + 1]],
+                    state=state_number[state[mine]],
+                    place=gap[mine],
+                    number=numbers[row[mine], gap[mine]],
+                    bounds=units[:, mine],
+                    stop_high=stop_high[state[mine]],
+                )
+            )
+        return found
+
+
+def _of_steps(bounds: Sequence[FloatArray], ks: Sequence[int]) -> FloatArray:
+    """Return column k of each of J bounds (n, H), shape (J, n)."""
+    return np.array([bound[:, k] for bound, k in zip(bounds, ks, strict=True)])
 
 
 def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, stretches: list[Stretch]) -> IntArray:
@@ -247,12 +309,18 @@ def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches,
     return np.flatnonzero(~(behind | ahead))
 
 
-def _clipped_units(lattice: EgoLattice, step: int, ends: FloatArray, reach: tuple[float, float]) -> FloatArray:
-    """Return lower and upper ends of windows [m], in turn, as lattice units that the ego can reach."""
-    units = lattice.to_units(step, ends)
-    back, front = reach
-    units[0::2] = np.maximum(units[0::2], back)
-    units[1::2] = np.minimum(units[1::2], front)
+def _clipped_units(lattice: EgoLattice, drift: FloatArray, ends: FloatArray, reach: FloatArray) -> FloatArray:
+    """Return lower and upper ends of windows [m], in turn, as lattice units that the ego can reach.
+
+    Args:
+        lattice: of the ego.
+        drift: (W,) where it would be, cruising [m].
+        ends: (4, W) [m].
+        reach: (2, W) between which lattice points it is.
+    """
+    units = (ends - drift) / lattice.unit
+    units[0::2] = np.maximum(units[0::2], reach[0])
+    units[1::2] = np.minimum(units[1::2], reach[1])
     if not lattice.stopping:
         # Positions are whole numbers of units: so are the bounds that matter.
         units[0], units[1] = np.ceil(units[0] - UNIT_TOLERANCE), np.floor(units[1] + UNIT_TOLERANCE)
