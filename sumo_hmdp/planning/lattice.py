@@ -14,9 +14,6 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sumo_hmdp.planning.problem import SPEED_TOLERANCE, DecisionProblem
 
 
