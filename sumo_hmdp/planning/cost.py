@@ -1,8 +1,11 @@
 """Stage cost and terminal cost (docs/formulation.md, eqs. 12 and 13)."""
 
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
@@ -96,46 +99,100 @@ def terminal_table(preferences: Preferences, lattice: EgoLattice, lane_count: in
     Raises:
         ValueError: if the goal mode cannot be reached.
     """
-    if preferences.speed_deadband + SPEED_TOLERANCE < lattice.speed_step / 2:
-        raise ValueError(UNREACHABLE)
-    H = lattice.steps
-    shape = (lane_count, 2 * H + 1, 1 + lattice.stopping, 3)
-    lane, level, phase, mode = (index.ravel() for index in np.indices(shape))
-    lane, level, mode = lane + 1, level - H, mode - 1
-    rested = lattice.speed_step * np.maximum(lattice.levels_to_rest + level, 0)
-    speed = np.where(phase == 1, rested, lattice.speed + lattice.speed_step * level)
-    costs = np.array(preferences.maneuver_cost)[::-1]
     band = preferences.speed_deadband + SPEED_TOLERANCE
-    goal = lane if preferences.goal_lane is None else np.full_like(lane, preferences.goal_lane)
-    total = np.zeros(lane.size)
-    for _ in range(lane_count + 2):
-        error = speed - preferences.desired_speed
-        wanted = np.where(np.abs(error) <= band, 0, -np.sign(error)).astype(np.int64)
-        lateral = np.sign(goal - lane)
-        settled = (lateral == 0) & (mode == wanted)
-        if settled.all():
+    if band < lattice.speed_step / 2:
+        raise ValueError(UNREACHABLE)
+    ends = _ends(lane_count, lattice.steps, lattice.stopping, preferences.goal_lane)
+    speed: FloatArray = lattice.speed + lattice.speed_step * ends.level
+    if lattice.stopping:
+        rested = lattice.speed_step * np.maximum(lattice.levels_to_rest + ends.level, 0)
+        speed = np.where(ends.rested, rested, speed)
+    costs = np.array(preferences.maneuver_cost)[::-1].ravel()
+    mode, total = ends.mode, np.zeros(len(speed))
+    error = speed - preferences.desired_speed
+    outside = np.abs(error) - preferences.speed_deadband
+    for lanes in ends.lanes:
+        turn = np.subtract(error < -band, error > band, dtype=np.int64) - mode
+        # An end in its goal lane, and in the mode that its speed wants, is settled and stays so.
+        moving = (turn != 0) | lanes.changes
+        if not np.logical_or.reduce(moving):
             break
-        moving = ~settled
-        mode = np.where(moving, mode + np.sign(wanted - mode), mode)
-        lane = lane + lateral
+        mode = mode + np.sign(turn)
         speed = np.where(moving, speed + mode * lattice.speed_step, speed)
         if lattice.stopping:
             speed = np.maximum(speed, 0.0)
-        stage = costs[mode + 1, lateral + 1] + speed_cost(preferences, speed)
-        total += np.where(moving, stage + preferences.lane_weight * np.abs(lane - goal), 0.0)
-    return (total + _speed_to_go(preferences, lattice, speed)).reshape(shape)
+        error = speed - preferences.desired_speed
+        outside = np.abs(error) - preferences.speed_deadband
+        stage = costs[3 * mode + lanes.cost_column]
+        stage += np.where(outside > SPEED_TOLERANCE, preferences.speed_weight * outside, 0.0)
+        total += np.where(moving, stage + preferences.lane_weight * lanes.away, 0.0)
+    return (total + _speed_to_go(preferences, lattice, error, outside)).reshape(ends.shape)
 
 
-def _speed_to_go(preferences: Preferences, lattice: EgoLattice, speed: FloatArray) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _LaneStep:
+    """One step of the baseline across the road, for each of N ends of the horizon.
+
+    Attributes:
+        changes: (N,) whether it changes lanes.
+        cost_column: (N,) where the maneuver costs of a cruise with that lateral action lie, row by row.
+        away: (N,) how many lanes it then is away from the goal.
+    """
+
+    changes: NDArray[np.bool_]
+    cost_column: IntArray
+    away: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """The N ends of the horizon, but for their speeds.
+
+    Attributes:
+        shape: (lanes, 2 H + 1, phases, 3).
+        level: (N,).
+        rested: (N,) whether the phase is 1.
+        mode: (N,).
+        lanes: steps of the baseline until it is in the goal lane and in the mode that the speed needs, and one more.
+    """
+
+    shape: tuple[int, int, int, int]
+    level: FloatArray
+    rested: NDArray[np.bool_]
+    mode: IntArray
+    lanes: tuple[_LaneStep, ...]
+
+
+@lru_cache(maxsize=64)
+def _ends(lane_count: int, steps: int, stopping: bool, goal_lane: int | None) -> _Ends:  # noqa: FBT001 - cached
+    """List the ends of the horizon and the lanes of the baseline from each: they hang on no speed."""
+    shape = (lane_count, 2 * steps + 1, 1 + stopping, 3)
+    lane, level, phase, mode = (index.ravel() for index in np.indices(shape))
+    lane = lane + 1
+    goal = lane if goal_lane is None else np.full_like(lane, goal_lane)
+    across = []
+    for _ in range(lane_count + 2):
+        lateral = np.sign(goal - lane)
+        lane = lane + lateral
+        across.append(_LaneStep(lateral != 0, lateral + 4, np.abs(lane - goal)))
+    return _Ends(shape, (level - steps).astype(np.float64), phase == 1, mode - 1, tuple(across))
+
+
+def _speed_to_go(preferences: Preferences, lattice: EgoLattice, error: FloatArray, outside: FloatArray) -> FloatArray:
     """Return the cost of bringing the speed into the band in the mode that does it, and of cruising then.
 
     With e outside the band and a speed step d it takes m = ceil(e / d) steps, whose ends are e - d, ..., e - (m - 1) d
     and 0 outside the band.
+
+    Args:
+        preferences: the cost.
+        lattice: for its speed step.
+        error: speed above the desired one [m/s].
+        outside: by how much it is outside the band, not above 0 inside [m/s].
     """
-    error = speed - preferences.desired_speed
-    outside = np.abs(error) - preferences.speed_deadband
     steps = np.where(outside > SPEED_TOLERANCE, np.ceil((outside - SPEED_TOLERANCE) / lattice.speed_step), 0.0)
-    left = (steps - 1) * outside - lattice.speed_step * (steps - 1) * steps / 2
+    less = steps - 1
+    left = less * outside - lattice.speed_step * less * steps / 2
     each = np.where(error < 0, preferences.maneuver(1, 0), preferences.maneuver(-1, 0))
     cost = steps * each + preferences.speed_weight * left + preferences.maneuver(0, 0)
     return np.where(steps > 0, cost, 0.0)

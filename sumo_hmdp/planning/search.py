@@ -4,9 +4,10 @@ Sequences of modes are kept as a tree, one array row a prefix. For every prefix 
 present step is kept; a step extends every prefix by each admissible mode and every window by each allowed move.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -19,7 +20,13 @@ from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.distance import counted
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.openings import Openings, openings_of
-from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.planning.problem import (
+    DISTANCE_TOLERANCE,
+    SPEED_TOLERANCE,
+    DecisionProblem,
+    ManeuverSequence,
+    Preferences,
+)
 from sumo_hmdp.planning.stop_lines import stopping_distance
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
 
@@ -47,7 +54,6 @@ class ModeTree:
         level: (P,) speed level n.
         phase: (P,) phase of that level.
         point: (P,) position in lattice units ahead of cruising.
-        speed: (P,) [m/s].
     """
 
     parent: IntArray
@@ -55,10 +61,9 @@ class ModeTree:
     level: IntArray
     phase: IntArray
     point: FloatArray
-    speed: FloatArray
 
 
-def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) -> list[ModeTree]:
+def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) -> Sequence[ModeTree]:
     """Return the sequences of modes that keep the speed limits, step by step; the root comes first.
 
     Args:
@@ -68,23 +73,21 @@ def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) 
     """
     H = lattice.steps
     if first is None and not lattice.stopping and lattice.allows(-H) and lattice.allows(H):
-        # No limit is near: but for the speeds the tree is the same for every decision.
-        tree = _unlimited_tree(start_mode, H)
-        return [replace(step, speed=_speeds(lattice, step.level, step.phase)) for step in tree]
+        # No limit is near: the tree is the same for every decision.
+        return _unlimited_tree(start_mode, H)
     return _grow(lattice, start_mode, first)
 
 
 @lru_cache(maxsize=64)
-def _unlimited_tree(start_mode: Mode, steps: int) -> list[ModeTree]:
-    """Return the tree of an ego that nothing limits; its speeds mean nothing."""
+def _unlimited_tree(start_mode: Mode, steps: int) -> Sequence[ModeTree]:
+    """Return the tree of an ego that nothing limits."""
     return _grow(EgoLattice(0.0, 0.0, 1.0, 1.0, steps, -np.inf, np.inf), start_mode, None)
 
 
-def _grow(lattice: EgoLattice, start_mode: Mode, first: Mode | None) -> list[ModeTree]:
+def _grow(lattice: EgoLattice, start_mode: Mode, first: Mode | None) -> Sequence[ModeTree]:
     """Return the tree step by step."""
     zero = np.zeros(1, dtype=np.int64)
-    root = ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1), np.array([lattice.speed]))
-    steps = [root]
+    steps = [ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1))]
     for k in range(lattice.steps):
         steps.append(_extend(lattice, steps[-1], _MODES if k or first is None else np.array([int(first)])))
     return steps
@@ -107,7 +110,7 @@ def _extend(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
         phase = np.where(rests & (lattice.rest_share > 0), 1, phase)
     speed = _speeds(lattice, level, phase)
     keep = (speed >= lattice.speed_min - SPEED_TOLERANCE) & (speed <= lattice.speed_max + SPEED_TOLERANCE)
-    return ModeTree(parent[keep], mode[keep], level[keep], phase[keep], point[keep], speed[keep])
+    return ModeTree(parent[keep], mode[keep], level[keep], phase[keep], point[keep])
 
 
 def _speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray:
@@ -212,7 +215,7 @@ def _sequence_counts(start_mode: Mode, steps: int) -> tuple[int, ...]:
 
 
 def _usable(
-    problem: DecisionProblem, steps: tuple[Openings, ...], tree: list[ModeTree], first: Maneuver | None
+    problem: DecisionProblem, steps: tuple[Openings, ...], tree: Sequence[ModeTree], first: Maneuver | None
 ) -> list[BoolArray]:
     """Tell per step which openings each prefix may use, (P, W) each: it is inside, and the first is as asked."""
     usable = [_inside(openings, prefixes) for openings, prefixes in zip(steps, tree[1:], strict=True)]
@@ -223,7 +226,8 @@ def _usable(
 
 def _stopping_points(problem: DecisionProblem, lattice: EgoLattice, prefixes: ModeTree) -> FloatArray:
     """Return where each prefix comes to rest if it brakes at its end, in lattice units."""
-    return prefixes.point + stopping_distance(problem.settings, prefixes.speed, prefixes.mode) / lattice.unit
+    speed = _speeds(lattice, prefixes.level, prefixes.phase)
+    return prefixes.point + stopping_distance(problem.settings, speed, prefixes.mode) / lattice.unit
 
 
 def _inside(openings: Openings, prefixes: ModeTree) -> BoolArray:
@@ -237,33 +241,35 @@ def _cheapest(
     problem: DecisionProblem,
     lattice: EgoLattice,
     steps: tuple[Openings, ...],
-    tree: list[ModeTree],
+    tree: Sequence[ModeTree],
     allowed: list[BoolArray],
 ) -> ManeuverSequence | None:
     """Return the cheapest sequence that only uses allowed openings."""
     preferences = problem.settings.preferences
-    # Rows decelerate, cruise, accelerate.
-    by_mode = np.array(preferences.maneuver_cost)[::-1]
+    by_action = _by_action(preferences.maneuver_cost)
+    by_lane = lane_cost(preferences, np.arange(problem.road.lane_count + 1))
+    by_speed = _speed_costs(preferences, lattice, tree)
     cost = np.zeros((1, 1))
     came_from: list[IntArray] = []
     lanes_before = np.array([problem.ego.lane])
-    for openings, prefixes, usable in zip(steps, tree[1:], allowed, strict=True):
+    for openings, prefixes, usable, of_speed in zip(steps, tree[1:], allowed, by_speed, strict=True):
         if not len(openings.lane) or not len(prefixes.mode):
             return None
-        lateral = np.minimum(np.maximum(openings.lane - lanes_before[:, None], -1), 1)
-        step_cost = np.where(openings.moves, by_mode[:, lateral + 1], np.inf)
-        way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode + 1]
+        # What changes by more than a lane wraps around to some cost or other; there is no such move.
+        lateral = openings.lane - lanes_before[:, None]
+        step_cost = np.where(openings.moves, by_action.take(lateral, axis=1, mode="wrap"), np.inf)
+        way = cost[prefixes.parent][:, :, None] + step_cost[prefixes.mode]
         came_from.append(way.argmin(axis=1))
-        ends = speed_cost(preferences, prefixes.speed)[:, None] + lane_cost(preferences, openings.lane)
-        cost = np.where(usable, way.min(axis=1) + ends, np.inf)
+        ends = of_speed[:, None] + by_lane[openings.lane]
+        cost = np.where(usable, np.minimum.reduce(way, axis=1) + ends, np.inf)
         lanes_before = openings.lane
     last, leaves = steps[-1], tree[-1]
     if preferences.terminal_weight:
-        table = preferences.terminal_weight * terminal_table(preferences, lattice, problem.road.lane_count)
+        table = terminal_table(preferences, lattice, problem.road.lane_count)
         end = table[:, leaves.level + lattice.steps, leaves.phase, leaves.mode + 1]
-        cost = cost + end[last.lane - 1].T
-    prefix, opening = (int(i) for i in np.unravel_index(int(cost.argmin()), cost.shape))
-    if not np.isfinite(cost[prefix, opening]):
+        cost = cost + preferences.terminal_weight * end[last.lane - 1].T
+    prefix, opening = divmod(int(cost.argmin()), cost.shape[1])
+    if cost[prefix, opening] == np.inf:
         return None
     modes, passed = [], []
     for k in range(lattice.steps, 0, -1):
@@ -273,3 +279,17 @@ def _cheapest(
     lanes = [problem.ego.lane, *(int(s.lane[opening]) for s, opening in zip(steps, reversed(passed), strict=True))]
     laterals = tuple(Lateral(b - a) for a, b in pairwise(lanes))
     return ManeuverSequence(laterals, tuple(reversed(modes)))
+
+
+@lru_cache(maxsize=64)
+def _by_action(maneuver_cost: tuple[tuple[float, float, float], ...]) -> FloatArray:
+    """Return the cost of maneuvers, indexed by mode and lateral action themselves: -1 is the last row, or column."""
+    return np.array(maneuver_cost)[[1, 0, 2]][:, [1, 2, 0]]
+
+
+def _speed_costs(preferences: Preferences, lattice: EgoLattice, tree: Sequence[ModeTree]) -> list[FloatArray]:
+    """Return what the speed at the end of each step costs each prefix, (P,) for each step."""
+    level, phase = (np.concatenate(each) for each in zip(*((step.level, step.phase) for step in tree[1:]), strict=True))
+    cost = speed_cost(preferences, _speeds(lattice, level, phase))
+    ends = list(accumulate((len(step.level) for step in tree[1:]), initial=0))
+    return [cost[start:end] for start, end in pairwise(ends)]
