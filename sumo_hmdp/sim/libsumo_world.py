@@ -171,7 +171,9 @@ class LibsumoWorld:
         self.step += 1
         self._insert_due(ego or self._ego)
         if self._background is not None:
-            self._background.change_lanes(self.step, (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road))
+            others = (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road)
+            self._background.change_lanes(self.step, others)
+            self._background.make_room(others)
         self._slow_to_desired()
         lights = _lights(self._network)
         _simulate(self.time)
@@ -394,6 +396,7 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
             background.enter(time, add)
             if 0.0 < time <= last_change:
                 background.change_lanes(step, ())
+            background.make_room(())
             _simulate(time)
             background.read(time)
         # Who still waits for room enters as soon as there is some, but not at the start, where nobody looks for it.
