@@ -42,8 +42,9 @@ else:
 _ROUTE = "along"
 _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
 # Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
-# moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
-_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 31}
+# moves (31 clips the speed that its followers see); 31 is SUMO's own driving. So is 27, but who is told to be slower
+# may brake harder than comfortably where its leader or a signal makes it.
+_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 27}
 # Nobody who crosses the road farther away can touch the ego in a step [m].
 _CROSSING_SIGHT = 50.0
 _OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model

@@ -102,7 +102,7 @@ def asked_lanes(rule: CourtesyRule, vehicles: Approach, ends: FloatArray, exists
 
 @dataclass(frozen=True)
 class Room:
-    """Who gives way, each driver once, in arrays of shape (k,).
+    """Who is slower out of courtesy than its own leader makes it, each driver once, in arrays of shape (k,).
 
     Attributes:
         driver: number of the vehicle.
@@ -143,7 +143,8 @@ def give_way(vehicles: Vehicles, asked: IntArray, willing: BoolArray, keep: floa
     driver, first = np.unique(driver[chosen], return_index=True)
     accel = accel[chosen[first]]
     free = _behind_leaders(vehicles, rear, own, driver)
-    return Room(driver, accel, (accel < free) & (free > _CREEPS))
+    slower = accel < free
+    return Room(driver[slower], accel[slower], free[slower] > _CREEPS)
 
 
 def _behind_leaders(vehicles: Vehicles, rear: FloatArray, own: FloatArray, driver: IntArray) -> FloatArray:

@@ -53,8 +53,9 @@ def test_who_can_brake_comfortably_gives_way():
 
 
 def test_who_cannot_is_passed_over_for_the_next_one():
-    # The first has 61 m: -(62/61)^2 = -1.033. The next one has 77.5 m: -0.64.
-    assert room([STANDS, car(31.0, 10.0), car(14.5, 10.0)], [2, 0, 0]) == {2: (pytest.approx(-0.64), False)}
+    # The first has 61 m: -(62/61)^2 = -1.033. The next one has 77.5 m: -(57/77.5)^2, as T = 0.5 s.
+    cars = [STANDS, car(31.0, 10.0), car(14.5, 10.0, time_gap=0.5)]
+    assert room(cars, [2, 0, 0]) == {2: (pytest.approx(-((57 / 77.5) ** 2)), False)}
     assert room([STANDS, car(31.0, 10.0)], [2, 0]) == {}
 
 
@@ -85,12 +86,17 @@ def test_who_gives_way_to_two_minds_the_nearer_one():
     assert room(cars, [2, 2, 0]) == {2: (pytest.approx(-((62 / 69.5) ** 2)), False)}
 
 
-@pytest.mark.parametrize(("leader", "waits"), [(96.0, False), (120.0, True), (None, True)])
+@pytest.mark.parametrize(("leader", "waits"), [(96.05, False), (120.0, True), (None, True)])
 def test_waiting_for_the_own_leader_is_no_courtesy(leader, waits):
-    # Who stands 2 m behind the leader would not drive on; 26 m behind it would, by 1 - (2/26)^2.
+    # Who stands 2.05 m behind the leader would hardly drive on, by 1 - (2/2.05)^2; 26 m behind it would.
     cars = [STANDS, car(90.0, 0.0)] + ([] if leader is None else [car(leader, 0.0)])
     found = room(cars, [2] + [0] * (len(cars) - 1))
     assert found[1][1] is waits
+
+
+def test_who_is_held_back_more_by_its_own_leader_is_not_slower_out_of_courtesy():
+    # Gaps of 62 m less 12 m to a leader of its speed, which takes s* = 12 m: 0 - (12/7)^2 = -2.9.
+    assert room([STANDS, car(29.0, 10.0), car(40.0, 10.0)], [2, 0, 0]) == {}
 
 
 def ask(x, speed, lane, ends, exists=(True, True, True), distance=50.0):
@@ -155,7 +161,8 @@ def by_loops(cars, asked, willing, keep):
         leader = min(ahead, key=lambda one: one.x, default=None)
         gap, speed = (INF, 0.0) if leader is None else (leader.x - leader.length - cars[j].x, leader.speed)
         free = loops.idm(cars[j], gap, speed)
-        result[j] = (pytest.approx(accel), accel < free and free > 0.1)
+        if accel < free:
+            result[j] = (pytest.approx(accel), free > 0.1)
     return result
 
 
