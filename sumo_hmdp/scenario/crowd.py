@@ -90,6 +90,8 @@ def _warm(
         for vehicle in (*present, *later)
     ]
     spawns += _entering(routes, flows, inflow_time, world.seed)
+    assert world.background is not None  # noqa: S101 - the caller's own mistake
+    spawns = list(_with_courtesy(world.background.courtesy.share, spawns, world.seed))
     return warm_up(world, tuple(_with_exits(routes, flows.exit_share, spawns, world.seed)), warm_up_time)
 
 
@@ -152,6 +154,12 @@ def _with_exits(routes: Routes, share: float, spawns: Iterable[Spawn], seed: int
         ahead = [way.name for way in routes.exits.values() if way.x > x + _EXIT_SIGHT]
         leaves, which = stream(seed, "exit", spawn.id).random(2).tolist()
         yield replace(spawn, exit=ahead[int(which * len(ahead))]) if ahead and leaves < share else spawn
+
+
+def _with_courtesy(share: float, spawns: Iterable[Spawn], seed: int) -> Iterator[Spawn]:
+    """Draw who lets others in; each vehicle has a stream of its own for it."""
+    for spawn in spawns:
+        yield replace(spawn, courteous=bool(stream(seed, "courtesy", spawn.id).random() < share))
 
 
 def ego_start(ego: EgoFile, crowd: Sequence[Spawn]) -> tuple[Spawn, tuple[Spawn, ...]]:

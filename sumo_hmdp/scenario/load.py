@@ -254,7 +254,7 @@ def _assemble(
     world = WorldSettings(network, road, scenario.dt_s, options.seed)
     crowd: tuple[Spawn, ...] = ()
     if traffic is not None:
-        world = replace(world, background=traffic.lane_changes.settings(), sight=traffic.sight_m)
+        world = replace(world, background=traffic.settings(), sight=traffic.sight_m)
         crowd = background(traffic, world, scenario.duration_s)
     start, crowd = ego_start(scenario.ego, crowd)
     ego = VehicleState(

@@ -1,6 +1,7 @@
 """The `traffic` section of a scenario: background vehicles that nobody describes one by one."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -11,6 +12,7 @@ from sumo_hmdp.planning.planner import Belief
 from sumo_hmdp.planning.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.measurement import MeasurementNoise
+from sumo_hmdp.traffic.courtesy import CourtesyRule
 from sumo_hmdp.traffic.demand import Demand
 from sumo_hmdp.traffic.drivers import (
     HIGHWAY_CLASSES,
@@ -113,6 +115,18 @@ class LaneChangesFile(FileModel):
         return BackgroundSettings(rule, self.duration_s, self.interval_s, self.period_s, self.speed_min_mps)
 
 
+class CourtesyFile(FileModel):
+    """`traffic.courtesy`: how drivers let in who has to leave its lane."""
+
+    share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    distance_m: NonNegative = 50.0
+    patience_s: NonNegative = 10.0
+
+    def rule(self) -> CourtesyRule:
+        """Return the rule as the world uses it."""
+        return CourtesyRule(self.share, self.distance_m, self.patience_s)
+
+
 class BeliefFile(PolicyFile, NoiseFile):
     """`traffic.belief`: what the planner believes of every vehicle that nobody describes.
 
@@ -156,6 +170,7 @@ class TrafficFile(FileModel):
     population: Literal["highway", "urban"] = "highway"
     classes: Annotated[list[ClassFile], Field(min_length=1)] | None = None
     lane_changes: LaneChangesFile = Field(default_factory=LaneChangesFile)
+    courtesy: CourtesyFile = Field(default_factory=CourtesyFile)
     measurement: MeasurementFile = Field(default_factory=MeasurementFile)
     sight_m: Positive = 200.0
     belief: BeliefFile
@@ -209,6 +224,10 @@ class TrafficFile(FileModel):
             if value is not None and value > capacity:
                 message = f"must be at most the capacity of a lane, {capacity:.0f} vehicles/h, got {value:g}; lower it"
                 yield Problem(f"traffic.{key}", message)
+
+    def settings(self) -> BackgroundSettings:
+        """Return what all drivers have in common, as the world uses it."""
+        return replace(self.lane_changes.settings(), courtesy=self.courtesy.rule())
 
     def demand(self) -> Demand:
         """Return the demand of each lane; `problems` is empty."""

@@ -5,7 +5,7 @@ Nothing here imports SUMO: the module that talks to it comes in as an argument.
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import chain
 from typing import Any
 
@@ -17,10 +17,12 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.contact import overlap_depth
+from sumo_hmdp.sim.courtesy import Courtesy
 from sumo_hmdp.sim.ghost import image_lane, second_lane
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.traffic.car_following import Drivers
+from sumo_hmdp.traffic.courtesy import CourtesyRule
 from sumo_hmdp.traffic.mobil import LaneChangeRule, Vehicles, choose_lanes
 from sumo_hmdp.traffic.spawn import IdmParameters, Spawn
 
@@ -77,6 +79,7 @@ class BackgroundSettings:
             desired speed [s]; enough for three changes with their intervals.
         route_bias: what the route adds to the incentive just before the lane ends, growing from 0 [m/s2]; as much as
             a comfortable deceleration.
+        courtesy: when they let in who has to leave its lane.
     """
 
     rule: LaneChangeRule
@@ -86,6 +89,7 @@ class BackgroundSettings:
     least_speed: float = 3.0
     route_time: float = 30.0
     route_bias: float = 2.0
+    courtesy: CourtesyRule = field(default_factory=CourtesyRule)
 
 
 class Background:
@@ -135,6 +139,8 @@ class Background:
         self._origin = self._target.copy()
         self._arrives = np.full(count, -math.inf)
         self._waiting = sorted(range(count), key=lambda row: (spawns[row].time, spawns[row].id))
+        willing = np.array([spawn.courteous for spawn in spawns], dtype=bool)
+        self._courtesy = Courtesy(settings.courtesy, self._routes, willing, settings.rule.least_gap, dt)
         self.active: IntArray = np.empty(0, dtype=np.int64)
         self._names: list[str] = []
         self._on_road: IntArray | None = None
@@ -234,9 +240,26 @@ class Background:
             allowed &= far | (ends >= here)
             # Whose lane ends has to leave it, even from a standstill.
             quick |= bias.max(axis=1) > 0.0
+            self._courtesy.look(rows, vehicles, ends)
         moves = choose_lanes(vehicles, self._settings.rule, allowed, may_change & quick, bias, ends)
         for index in np.flatnonzero(moves).tolist():
             self._begin(int(rows[index]), int(moves[index]), now)
+
+    def make_room(self, others: Sequence[VehicleState]) -> None:
+        """Slow down who holds back in the coming step, for somebody who has to leave its lane.
+
+        SUMO's IDM goes on: the lower one of its speed and the commanded one counts.
+
+        Args:
+            others: everybody on the road who is no background vehicle.
+        """
+        rows = self.on_road()
+
+        def seen(others: Sequence[VehicleState]) -> Vehicles:
+            return self._vehicles(rows, self._origin[rows] != self._target[rows], others)
+
+        for row, speed in self._courtesy.speeds(rows, self.active, others, seen).items():
+            self._sumo.vehicle.setSpeed(self._ids[row], speed)
 
     def _route_needs(self, rows: IntArray, strangers: int) -> tuple[FloatArray, FloatArray]:
         """Return where lanes end, shape (n, lanes), and the incentive by the route to go left or right, shape (n, 2).

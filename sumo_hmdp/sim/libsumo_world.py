@@ -42,8 +42,9 @@ else:
 _ROUTE = "along"
 _KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
 # Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
-# moves (31 clips the speed that its followers see); 31 is SUMO's own driving.
-_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 31}
+# moves (31 clips the speed that its followers see); 31 is SUMO's own driving. So is 27, but who is told to be slower
+# may brake harder than comfortably where its leader or a signal makes it.
+_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 27}
 # Nobody who crosses the road farther away can touch the ego in a step [m].
 _CROSSING_SIGHT = 50.0
 _OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model
@@ -171,7 +172,9 @@ class LibsumoWorld:
         self.step += 1
         self._insert_due(ego or self._ego)
         if self._background is not None:
-            self._background.change_lanes(self.step, (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road))
+            others = (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road)
+            self._background.change_lanes(self.step, others)
+            self._background.make_room(others)
         self._slow_to_desired()
         lights = _lights(self._network)
         _simulate(self.time)
@@ -394,6 +397,7 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
             background.enter(time, add)
             if 0.0 < time <= last_change:
                 background.change_lanes(step, ())
+            background.make_room(())
             _simulate(time)
             background.read(time)
         # Who still waits for room enters as soon as there is some, but not at the start, where nobody looks for it.

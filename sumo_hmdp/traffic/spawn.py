@@ -71,6 +71,7 @@ class Spawn:
         entry: the way onto the road that a `background` vehicle takes; None starts on the road, else `x` has no
             meaning until it gets there.
         exit: the way off the road that a `background` vehicle wants, None for the road's end.
+        courteous: whether a `background` driver lets others in.
     """
 
     id: str
@@ -86,6 +87,7 @@ class Spawn:
     politeness: float = 0.0
     entry: str | None = None
     exit: str | None = None
+    courteous: bool = False
 
 
 def spawn_problems(spawns: Sequence[Spawn], road: Road, where: str = "spawns") -> list[Problem]:
