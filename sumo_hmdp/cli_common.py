@@ -4,7 +4,7 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -74,6 +74,28 @@ def busy(text: str) -> Iterator[None]:
         return
     with console.status(text):
         yield
+
+
+@contextmanager
+def progress_bar(what: str, *, at_once: bool = False) -> Iterator[Callable[[float, float], None]]:
+    """Show a bar with the time left on a terminal, nothing where nobody looks at one.
+
+    Args:
+        what: is going on.
+        at_once: show it before the first call says how much there is.
+    """
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    console = error_console()
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=None, visible=at_once)
+
+        def on_progress(done: float, total: float) -> None:
+            bar.update(task, completed=done, total=total, visible=True)
+
+        yield on_progress
 
 
 def usage_line(error: TyperException) -> str:

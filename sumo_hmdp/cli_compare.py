@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sumo_hmdp.cli_common import STUDIES, JsonOption, busy, plain, print_json, say
+from sumo_hmdp.cli_common import STUDIES, JsonOption, plain, print_json, progress_bar, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,8 +44,8 @@ def compare(
     """
     from sumo_hmdp.report.study_comparison import compare_study
 
-    with busy("comparing"):
-        found = compare_study(folder, metric or (), by or ())
+    with progress_bar("comparing", at_once=True) as on_progress:
+        found = compare_study(folder, metric or (), by or (), on_progress=on_progress)
     if as_json:
         print_json(document(found))
         return

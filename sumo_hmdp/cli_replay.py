@@ -2,20 +2,16 @@
 # ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import webbrowser
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sumo_hmdp.cli_common import RUNS, complete_run, error_console, say
+from sumo_hmdp.cli_common import RUNS, complete_run, progress_bar, say
 from sumo_hmdp.errors import InputError
 
 if TYPE_CHECKING:
     from sumo_hmdp.study.again import WholeRun
-
-Progress = Callable[[float, float], None]
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -82,7 +78,7 @@ def video(
     made = film_format(out, speed, fps, width)
     run = _whole_run(folder, run_id)
     film = film_of(run.manifest, run.steps, run.decisions, made)
-    with _bar("frames") as on_progress:
+    with progress_bar("frames") as on_progress:
         write_film(out, film, on_progress)
     typer.echo(f"film: {out}, {film.frame_count} frames, {film.frame_count / made.fps:.1f} s{_origin(run)}")
 
@@ -97,26 +93,9 @@ def _whole_run(folder: Path, run_id: str) -> "WholeRun":
 
     run = stored_run(folder, run_id)
     duration = float(run.manifest()["duration_s"])
-    with _bar("doing the run again") as on_progress:
+    with progress_bar("doing the run again") as on_progress:
 
         def on_moment(moment: Moment) -> None:
             on_progress(moment.scene.time, duration)
 
         return whole_run(run, on_moment)
-
-
-@contextmanager
-def _bar(what: str) -> Iterator[Progress]:
-    """Show a bar from the first call on, with the time left; nothing where nobody looks at a terminal."""
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    console = error_console()
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=None, visible=False)
-
-        def on_progress(done: float, total: float) -> None:
-            bar.update(task, completed=done, total=total, visible=True)
-
-        yield on_progress

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sumo_hmdp.cli_common import STUDIES, JsonOption, busy, print_json
+from sumo_hmdp.cli_common import STUDIES, JsonOption, print_json, progress_bar
 from sumo_hmdp.errors import InputError
 
 
@@ -37,8 +37,8 @@ def report(
 
     if out is not None and out.suffix.lower() not in {".html", ".htm"}:
         raise InputError([f"--out: must end in .html, got {str(out)!r}. Name a file such as report.html"])
-    with busy("writing the report"):
-        made, page = write_study_report(folder, out)
+    with progress_bar("writing the report", at_once=True) as on_progress:
+        made, page = write_study_report(folder, out, on_progress)
     if as_json:
         print_json(document(made, page))
         return

@@ -15,6 +15,7 @@ from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_pairs, holm, pairs_needed, verdict
 from sumo_hmdp.report.frames import by_seed, is_binary, numbers
 from sumo_hmdp.report.statistics import describe, rate_table
+from sumo_hmdp.report.work import OnProgress, Work
 from sumo_hmdp.study.store import load
 from sumo_hmdp.validation import nearest
 
@@ -72,7 +73,11 @@ class _Cell:
 
 
 def compare_study(
-    folder: str | Path, metrics: Sequence[str] = (), by: Sequence[str] | str = (), level: float = 0.95
+    folder: str | Path,
+    metrics: Sequence[str] = (),
+    by: Sequence[str] | str = (),
+    level: float = 0.95,
+    on_progress: OnProgress | None = None,
 ) -> StudyComparison:
     """Compare the cells of a study pair by pair on common seeds, each pair alike in all that is not compared.
 
@@ -84,6 +89,7 @@ def compare_study(
         metrics: columns of `runs` of numbers or truth values, or `contact_rate`; none takes `DEFAULT_METRICS`.
         by: the factors whose values are compared; none takes the first that varies, the planner before all.
         level: of the intervals.
+        on_progress: called after each comparison with how many are done and how many there are.
 
     Raises:
         InputError: if there are no results, or no such metric or factor.
@@ -105,7 +111,7 @@ def compare_study(
         by=compared,
         means=_means(cells, factors, [name for name in metrics if not is_binary(runs[name])], level),
         rates=_rates(cells, factors, [name for name in metrics if is_binary(runs[name])], level),
-        differences=_differences(cells, compared, metrics, level),
+        differences=_differences(cells, compared, metrics, level, Work(on_progress)),
         notes=tuple(notes),
     )
 
@@ -213,9 +219,13 @@ def _pairs(cells: Sequence[_Cell], compared: Sequence[str]) -> Iterator[tuple[_C
             yield first, second
 
 
-def _differences(cells: Sequence[_Cell], compared: Sequence[str], metrics: Sequence[str], level: float) -> pd.DataFrame:
+def _differences(
+    cells: Sequence[_Cell], compared: Sequence[str], metrics: Sequence[str], level: float, work: Work
+) -> pd.DataFrame:
     found: list[tuple[str, Comparison]] = []
-    for first, second in _pairs(cells, compared):
+    pairs = list(_pairs(cells, compared))
+    work.expect(len(pairs) * len(metrics))
+    for first, second in pairs:
         alike = [name for name in first.factors if first.factors[name] == second.factors.get(name)]
         names = tuple(cell.label([name for name in cell.factors if name not in alike]) for cell in (first, second))
         for metric in metrics:
@@ -225,6 +235,7 @@ def _differences(cells: Sequence[_Cell], compared: Sequence[str], metrics: Seque
             binary = is_binary(first.runs[metric])
             where = first.label(alike) if alike else ""
             found.append((where, compare_pairs(one, two, metric, (names[0], names[1]), binary, level)))
+            work.tick()
     places = list(dict.fromkeys(where for where, _ in found))
     found.sort(key=lambda item: places.index(item[0]))
     adjusted = holm(np.array([comparison.p_value for _, comparison in found]))

@@ -71,10 +71,9 @@ def predictions(traced: Sequence[TracedCell]) -> Prediction | None:
 def _realised(cell: TracedCell) -> pd.DataFrame:
     shown = cell.decisions[cell.decisions["branches_json"].str.len() > len("[]")]
     chosen = shown.iloc[np.unique(np.linspace(0, len(shown) - 1, min(OPENED, len(shown))).astype(int))]
-    traces = dict(list(cell.steps.groupby("run_id")))
     parts = []
     for run_id, decisions in chosen.groupby("run_id"):
-        steps = with_intents(traces[run_id], cell.settings.road, cell.settings.told)
+        steps = with_intents(cell.traces[str(run_id)], cell.settings.road, cell.settings.told)
         parts.append(realised_branches(decisions, steps, cell.settings.period))
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 

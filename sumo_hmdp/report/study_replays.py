@@ -1,6 +1,6 @@
 """The replays that a study's report carries in itself: the first of the runs to look at, as far as they are cheap."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,17 +50,19 @@ class StudyReplays:
         return frozenset(page.run_id for page in self.pages)
 
 
-def study_replays(folder: Path, run_ids: Iterable[str]) -> StudyReplays:
+def study_replays(folder: Path, run_ids: Iterable[str], on_run: Callable[[], None] = lambda: None) -> StudyReplays:
     """Make the replays of the first runs.
 
     Args:
         folder: the study's.
         run_ids: the runs to look at, the first one first.
+        on_run: called as each is begun.
     """
     pages: list[StudyReplay] = []
     left_out: list[str] = []
     size, spent = 0, 0.0
     for run_id in list(run_ids)[:COUNT]:
+        on_run()
         run = stored_run(folder, run_id)
         again = 0.0 if keeps_all(run.table("steps")) else float(run.row.get("wall_time_s", float("nan")))
         # A missing time compares as false.

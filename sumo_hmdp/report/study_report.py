@@ -27,6 +27,7 @@ from sumo_hmdp.report.study_figures import (
 )
 from sumo_hmdp.report.study_parameters import parameter_table, traffic_table, version_table
 from sumo_hmdp.report.study_prediction import prediction_figure, prediction_tables, predictions
+from sumo_hmdp.report.study_replays import COUNT as REPLAY_COUNT
 from sumo_hmdp.report.study_replays import StudyReplay, study_replays
 from sumo_hmdp.report.study_svg import inline, svg_of
 from sumo_hmdp.report.study_table import StudyTable
@@ -43,7 +44,13 @@ from sumo_hmdp.report.study_tables import (
 )
 from sumo_hmdp.report.study_traces import TracedCell, traced_cells
 from sumo_hmdp.report.study_verdict import findings_of, pairs_table, sentences, verdict_table
+from sumo_hmdp.report.work import OnProgress, Work
 from sumo_hmdp.study.store import whole, write_text
+
+# What takes how long, in audits of a run; of the study `main`.
+_REPLAY, _FIGURE = 4.0, 10.0
+# How many figures there are where everything can be told.
+_FIGURES = 8
 
 
 @dataclass(frozen=True)
@@ -84,24 +91,30 @@ class StudyReport:
     replays: tuple[StudyReplay, ...] = ()
 
 
-def study_report(folder: Path, page: Path) -> StudyReport:
+def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyReport:
     """Compute everything that a report shows.
 
     Args:
         folder: written by `sumo-hmdp study`, finished or not.
         page: where the page will stand.
+        work: told how far it is.
 
     Raises:
         InputError: if the folder is not a study's.
     """
+    work = work or Work()
     data = read_study(folder)
     findings = findings_of(data)
     traced, untraced = traced_cells(data)
+    worst = worst_runs(data)
+    audits = sum(len(cell.run_ids) for cell in traced)
+    work.expect(2 * audits + _REPLAY * min(REPLAY_COUNT, len(worst)) + _FIGURE * _FIGURES)
+    for cell in traced:
+        work.tick(len(cell.planned))
     audit = audit_study(data, traced, untraced)
     cells, spread, decisions = cell_frame(data), distribution_frame(data), decision_frame(data)
     verdict = (*sentences(data, findings), *audit_sentences(audit))
-    worst = worst_runs(data)
-    replays = study_replays(data.folder, worst["run_id"])
+    replays = study_replays(data.folder, worst["run_id"], lambda: work.tick(_REPLAY))
     timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
     sections = (
         Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
@@ -129,6 +142,7 @@ def study_report(folder: Path, page: Path) -> StudyReport:
             tables=(traffic_table(data), parameter_table(data), version_table(data)), folded=True,
         ),
     )  # fmt: skip
+    work.tick(audits)
     return StudyReport(data, verdict, sections, replays.pages)
 
 
@@ -168,7 +182,9 @@ def _frontiers(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:
         yield frontier_figure("frontier_violations", Points(joined, "violation rate per plan", rest))
 
 
-def write_study_report(folder: Path, page: Path | None = None) -> tuple[StudyReport, Path]:
+def write_study_report(
+    folder: Path, page: Path | None = None, on_progress: OnProgress | None = None
+) -> tuple[StudyReport, Path]:
     """Write the report of a study: the page, and into `report/` of its folder every table and figure.
 
     The same folder gives the same bytes.
@@ -176,6 +192,7 @@ def write_study_report(folder: Path, page: Path | None = None) -> tuple[StudyRep
     Args:
         folder: written by `sumo-hmdp study`.
         page: the HTML file; without it `report/report.html` in the folder.
+        on_progress: called with what is done and what there is in all.
 
     Returns:
         The report, and where its page stands.
@@ -184,9 +201,10 @@ def write_study_report(folder: Path, page: Path | None = None) -> tuple[StudyRep
         InputError: if the folder is not a study's, or the page cannot be written.
     """
     target = folder / "report" / "report.html" if page is None else page
-    report = study_report(folder, target)
+    work = Work(on_progress)
+    report = study_report(folder, target, work)
     try:
-        files = _write_parts(report, folder / "report")
+        files = _write_parts(report, folder / "report", work)
         with whole(target) as partial:
             partial.write_text(render(report, files), encoding="utf-8", newline="\n")
     except OSError as error:
@@ -194,12 +212,13 @@ def write_study_report(folder: Path, page: Path | None = None) -> tuple[StudyRep
     return report, target
 
 
-def _write_parts(report: StudyReport, folder: Path) -> dict[str, str]:
+def _write_parts(report: StudyReport, folder: Path, work: Work) -> dict[str, str]:
     """Write every table and figure; return the figures by name. What an earlier report left goes first."""
     for pattern in ("tables/*.csv", "tables/*.md", "figures/*.svg"):
         for old in folder.glob(pattern):
             old.unlink()
-    drawn = {}
+    drawn: dict[str, str] = {}
+    work.expect(work.done + _FIGURE * sum(len(section.figures) for section in report.sections))
     for section in report.sections:
         for table in section.tables:
             write_text(folder / "tables" / f"{table.name}.csv", table.csv())
@@ -207,6 +226,7 @@ def _write_parts(report: StudyReport, folder: Path) -> dict[str, str]:
         for figure in section.figures:
             drawn[figure.name] = svg_of(figure)
             write_text(folder / "figures" / f"{figure.name}.svg", drawn[figure.name])
+            work.tick(_FIGURE)
     return drawn
 
 

@@ -31,11 +31,20 @@ class TracedCell:
     decisions: pd.DataFrame
     steps: pd.DataFrame
 
+    @cached_property
+    def traces(self) -> dict[str, pd.DataFrame]:
+        """The steps of each run."""
+        return {str(run_id): steps for run_id, steps in self.steps.groupby("run_id")}
+
+    @property
+    def run_ids(self) -> tuple[str, ...]:
+        """The runs with decisions, in the order of `runs`."""
+        return tuple(sorted(self.decisions["run_id"].unique()))
+
     def runs(self) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
         """Yield the name of each run with its decisions and steps."""
-        traces = dict(list(self.steps.groupby("run_id")))
         for run_id, decisions in self.decisions.groupby("run_id"):
-            yield str(run_id), decisions, traces.get(run_id, self.steps.iloc[:0])
+            yield str(run_id), decisions, self.traces.get(str(run_id), self.steps.iloc[:0])
 
     @cached_property
     def planned(self) -> tuple[pd.DataFrame, ...]:

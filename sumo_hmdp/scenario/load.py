@@ -27,6 +27,7 @@ from sumo_hmdp.scenario.checks import (
     time_checks,
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
+from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_vehicles, stretch_checks
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
@@ -39,6 +40,7 @@ from sumo_hmdp.scenario.vehicles import (
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
 from sumo_hmdp.sim.motion import MotionKind
+from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
@@ -162,9 +164,12 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         raise InputError(_unique(problems), str(path))
     problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(time_checks(scenario, name, parameters))
+    problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
     network = network_path(scenario.network, path.parent)
-    problems.extend(network_checks(network, Road(scenario.lanes.count, scenario.lanes.width_m)))
+    road = Road(scenario.lanes.count, scenario.lanes.width_m)
+    problems.extend(network_checks(network, road))
+    problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
     if problems:
         raise InputError(problems, str(path))
     try:
@@ -250,7 +255,7 @@ def _assemble(
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     bicycle = BicycleParameters()
     kind = planner_kind(name, "planner")
-    traffic = scenario.traffic
+    traffic, vehicles = scenario.traffic, matched_vehicles(scenario, options.seed)
     world = WorldSettings(network, road, scenario.dt_s, options.seed)
     crowd: tuple[Spawn, ...] = ()
     if traffic is not None:
@@ -272,20 +277,18 @@ def _assemble(
         lane_width=road.lane_width,
         dt=scenario.dt_s,
         lane_change_time=scenario.ego.lane_change_time_s,
-        beliefs={vehicle.id: belief_of(vehicle, road.lane_count) for vehicle in scenario.vehicles},
+        beliefs={vehicle.id: belief_of(vehicle, road.lane_count) for vehicle in vehicles},
         default_belief=None if traffic is None else traffic.belief.belief(road.lane_count),
         solver=options.solver,
     )
     sumo_driver = kind.sumo_driver(parameters, context) if kind.sumo_driver is not None else None
     model = scenario.planners.get("hmdp_mpc", {})
-    paths = matched_paths(scenario, road, model, options.seed) if scenario.noise else {}
-    spawns = [spawn_of(vehicle) for vehicle in scenario.vehicles]
+    paths = matched_paths(scenario, vehicles, road, model, options.seed) if scenario.noise else {}
+    spawns = [spawn_of(vehicle) for vehicle in vehicles]
     if scenario.noise:
         spawns = [replace(spawn, driver=DriverKind.POSED) for spawn in spawns]
     drivers = {
-        vehicle.id: driver
-        for vehicle in scenario.vehicles
-        if not scenario.noise and (driver := driver_of(vehicle)) is not None
+        vehicle.id: driver for vehicle in vehicles if not scenario.noise and (driver := driver_of(vehicle)) is not None
     }
     return ReadyRun(
         scenario=scenario.name,
@@ -303,7 +306,7 @@ def _assemble(
             motion=MotionKind(scenario.ego.motion) if sumo_driver is None else MotionKind.SUMO,
             paths=paths,
             goal_x=scenario.ego.goal_x_m,
-            measurement=measurement(scenario, road.lane_count, options.seed),
+            measurement=measurement(scenario, vehicles, road.lane_count, options.seed),
         ),
         world=replace(world, ego_driver=sumo_driver),
         spawns=(*spawns, *crowd),

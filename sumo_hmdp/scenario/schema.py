@@ -105,6 +105,21 @@ class VehicleFile(NoiseFile):
     policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
 
 
+class MatchedTrafficFile(NoiseFile):
+    """`matched_traffic`: vehicles laid out in every lane at a density, all believed alike; with `noise` alone.
+
+    The vehicles of a lane start at its speed, about as far from each other as the density says, and one of them is left
+    out for the ego.
+    """
+
+    density_vpkm_per_lane: Positive
+    stretch_m: Annotated[list[Number], Field(min_length=2, max_length=2)]
+    lane_speeds_mps: list[Speed]
+    length_m: Positive = 4.5
+    width_m: Positive = 1.8
+    policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
+
+
 class PublishedFile(FileModel):
     """`published`: what somebody else's run of this scenario gave; printed beside ours, never asserted."""
 
@@ -128,6 +143,7 @@ class ScenarioFile(FileModel):
     ego: EgoFile
     vehicles: list[VehicleFile] = Field(default_factory=list)
     traffic: TrafficFile | None = None
+    matched_traffic: MatchedTrafficFile | None = None
     noise: bool = False
     noise_scale: Positive = 1.0
     published: PublishedFile | None = None

@@ -1,6 +1,6 @@
 """The vehicles of a scenario as the simulation and the planner take them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -70,18 +70,19 @@ def spawn_of(vehicle: VehicleFile) -> Spawn:
 
 
 def matched_paths(
-    scenario: ScenarioFile, road: Road, model_section: Mapping[str, Any], seed: int
+    scenario: ScenarioFile, vehicles: Sequence[VehicleFile], road: Road, model_section: Mapping[str, Any], seed: int
 ) -> dict[str, MatchedPath]:
-    """Return the drawn paths of all described vehicles.
+    """Return the drawn paths of vehicles.
 
     Args:
         scenario: with `noise`.
+        vehicles: all that are drawn from the model.
         road: the lanes.
         model_section: the parameters of `hmdp_mpc`, whose model is the world's.
         seed: of the run.
     """
     paths = {}
-    for vehicle in scenario.vehicles:
+    for vehicle in vehicles:
         belief = belief_of(vehicle, road.lane_count)
         scale = scenario.noise_scale**2
         noise = replace(
@@ -101,11 +102,11 @@ def matched_paths(
     return paths
 
 
-def measurement(scenario: ScenarioFile, lane_count: int, seed: int) -> Measurement:
+def measurement(scenario: ScenarioFile, vehicles: Sequence[VehicleFile], lane_count: int, seed: int) -> Measurement:
     """Return how the planner measures: exactly, but for drawn vehicles and for a background that says otherwise."""
     drawn = {}
     if scenario.noise:
-        for vehicle in scenario.vehicles:
+        for vehicle in vehicles:
             noise = belief_of(vehicle, lane_count).noise
             drawn[vehicle.id] = measurement_noise(noise.position_var, noise.speed_var)
     measured = Measurement(seed, drawn)

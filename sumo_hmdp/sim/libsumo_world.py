@@ -24,6 +24,7 @@ from sumo_hmdp.sim import window
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
+from sumo_hmdp.sim.lane_order import restore_order
 from sumo_hmdp.sim.network import Network, read_network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
@@ -159,6 +160,10 @@ class LibsumoWorld:
         driven = self.settings.ego_driver is not None
         kinds = {vehicle.id: self._spawns[vehicle.id].driver for vehicle in self._on_road}
         _refuse(checks.command_problems(moved, speeds, kinds, sumo_drives_ego=driven))
+        if len(moved) > (ego is not None) and (driven or self._background is not None):
+            # Somebody looks along the lanes for a leader.
+            names = {vehicle.id for vehicle in moved}
+            restore_order(libsumo, self._network.lane_of, names | {GHOST_PREFIX + name for name in self._ghosts})
         for vehicle in moved:
             if not self._network.holds(vehicle.x, vehicle.y):
                 if vehicle.id == EGO_ID:

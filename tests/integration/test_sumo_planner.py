@@ -236,3 +236,27 @@ def test_a_driven_ego_takes_no_pose_and_a_moved_one_needs_it():
 def test_a_driven_ego_that_reaches_the_end_of_the_road_is_an_error():
     with pytest.raises(SimulationError, match="SUMO took it off the road"):
         drive(SumoDriver(4.0), duration=3.0, ego=replace(EGO, x=8950.0))
+
+
+def test_it_sees_the_nearer_of_two_that_drove_through_each_other():
+    # SUMO keeps the order in which they came: without help the ego would follow `fast` and drive into `slow`.
+    fast, slow = (
+        Spawn(name, lane=2, x=x, speed=speed, driver=DriverKind.POSED)
+        for name, x, speed in (("fast", 60.0, 29.0), ("slow", 120.0, 20.0))
+    )
+    instants = []
+    with world(SumoDriver(4.0, speed_gain=0.0), [fast, slow], replace(EGO, speed=26.0)) as sumo:
+        for step in range(1, round(30.0 / DT)):
+            poses = [
+                VehicleState(spawn.id, spawn.x + spawn.speed * step * DT, 0.0, spawn.speed, 2) for spawn in (fast, slow)
+            ]
+            sumo.advance(None, {}, poses)
+            instants.append({state.id: state for state in (sumo.ego(), *sumo.observe())})
+    assert instants[0]["fast"].x < instants[0]["slow"].x
+    assert instants[-1]["fast"].x > instants[-1]["slow"].x
+    # Taking them out and in again leaves them where they were told to be.
+    assert [instants[-1][pose.id].x for pose in poses] == pytest.approx([pose.x for pose in poses])
+    assert [instants[-1][pose.id].speed for pose in poses] == pytest.approx([29.0, 20.0])
+    gaps = [at["slow"].x - at["slow"].length - at["ego"].x for at in instants]
+    assert min(gaps) > 10.0
+    assert instants[-1]["ego"].speed == pytest.approx(20.0, abs=1.0)

@@ -14,6 +14,7 @@ from scipy import stats
 from sumo_hmdp import cli
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.report import study_replays
+from sumo_hmdp.report.study_comparison import compare_study
 from sumo_hmdp.report.study_data import baseline_of, named_cells
 from sumo_hmdp.report.study_report import study_report, write_study_report
 from sumo_hmdp.report.study_table import interval, listed, number
@@ -382,3 +383,16 @@ def test_words_for_people():
     assert interval(float("nan"), 1.0) == "–"
     assert listed(["a", "b", "c"], 2) == "a, b and 1 more"
     assert (listed(["a"]), listed([])) == ("a", "none")
+
+
+def test_the_one_who_waits_is_told_how_far_it_is(study_by_hand, tmp_path):
+    folder, told = study_by_hand(tmp_path / "study"), []
+    write_study_report(folder, on_progress=lambda done, total: told.append((done, total)))
+    figures = len(list((folder / "report" / "figures").glob("*.svg")))
+    assert len(told) > figures > 0
+    assert [done for done, _ in told] == sorted(done for done, _ in told)
+    assert all(done <= total for done, total in told)
+    assert told[-1][0] == told[-1][1]
+    compared = []
+    found = compare_study(folder, on_progress=lambda done, total: compared.append((done, total)))
+    assert compared == [(done, len(found.differences)) for done in range(len(found.differences) + 1)]

@@ -305,8 +305,7 @@ def test_the_reliability_study_has_18_settings_that_differ(tmp_path):
         ("highway_planners", (3, 3, 3), 100),
         ("highway_ramps_planners", (3, 3, 3), 100),
         ("urban_planners", (3, 3, 3), 100),
-        # `hmdp_mpc` alone has an occupancy there.
-        ("matched_planners", (6, 3, 3), 100),
+        ("matched_planners", (3, 3, 3), 100),
         ("urban_route", (1, 1, 1), 50),
     ],
 )
