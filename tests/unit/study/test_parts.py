@@ -2,6 +2,7 @@
 
 import shutil
 
+import duckdb
 import pandas as pd
 import pytest
 from pyarrow import dataset, parquet
@@ -82,11 +83,20 @@ def test_other_tools_read_the_folders_as_they_are(filled, tiny):
         assert len(frame) == expected[table]
 
 
-def test_duckdb_and_polars_read_the_folders_where_they_are_installed(filled, tiny):
-    duckdb, polars = pytest.importorskip("duckdb"), pytest.importorskip("polars")
+def test_duckdb_reads_the_folders(filled, tiny):
     folder = filled()
-    rows = duckdb.read_parquet(f"{folder}/runs/*/*.parquet").aggregate("cell, count(*)").fetchall()
+    runs = duckdb.read_parquet(f"{folder}/runs/*/*.parquet", hive_partitioning=True)
+    rows = runs.aggregate("cell, count(*)").fetchall()
     assert sorted(rows) == sorted((cell.id, 3) for cell in tiny.cells)
+    for table in TABLES:
+        found = duckdb.read_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True)
+        assert len(found) == len(pd.read_parquet(folder / table))
+        assert "NULL" not in [str(kind).strip('"') for kind in found.types]
+
+
+def test_polars_reads_the_folders_where_it_is_installed(filled, tiny):
+    polars = pytest.importorskip("polars")
+    folder = filled()
     for table in TABLES:
         frame = polars.scan_parquet(f"{folder}/{table}/**/*.parquet", hive_partitioning=True).collect()
         assert frame["cell"].n_unique() == len(tiny.cells)
