@@ -157,9 +157,10 @@ def _with_exits(routes: Routes, share: float, spawns: Iterable[Spawn], seed: int
 
 
 def _with_courtesy(share: float, spawns: Iterable[Spawn], seed: int) -> Iterator[Spawn]:
-    """Draw who lets others in; each vehicle has a stream of its own for it."""
+    """Draw who lets others in; each vehicle has a stream of its own for it, which all or none need not ask."""
     for spawn in spawns:
-        yield replace(spawn, courteous=bool(stream(seed, "courtesy", spawn.id).random() < share))
+        courteous = share >= 1.0 or (share > 0.0 and stream(seed, "courtesy", spawn.id).random() < share)
+        yield replace(spawn, courteous=bool(courteous))
 
 
 def ego_start(ego: EgoFile, crowd: Sequence[Spawn]) -> tuple[Spawn, tuple[Spawn, ...]]:

@@ -150,6 +150,13 @@ MISTAKES = {
         [("keep: 0.98", "keep: 0.9")],
         ["traffic.belief.lateral_probs: must sum to 1, got 0.92"],
     ),
+    "a share of courteous drivers above 1, and no patience": (
+        [also("courtesy: {share: 1.5, patience_s: -1}")],
+        [
+            "traffic.courtesy.share: must be at most 1, got 1.5",
+            "traffic.courtesy.patience_s: must be at least 0, got -1",
+        ],
+    ),
     "no belief": (
         [("  belief:", "  beleif:")],
         ["traffic.beleif: unknown key; did you mean `belief`?"],
