@@ -4,7 +4,7 @@
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -23,6 +23,7 @@ from sumo_hmdp.cli_common import (
     PlannerOption,
     ScenarioArgument,
     SolverOption,
+    busy,
     complain,
     error_console,
     print_json,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from sumo_hmdp.scenario.load import ReadyRun
+    from sumo_hmdp.sim.episode import Moment
     from sumo_hmdp.study.run import RunRecord
 
 app = typer.Typer(
@@ -116,19 +118,23 @@ def run(
     """
     from sumo_hmdp.report.replay import write_replay
     from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
+    from sumo_hmdp.study.reasons import Reasons
     from sumo_hmdp.study.record import RunStatus, Trace
     from sumo_hmdp.study.run import save
     from sumo_hmdp.study.store import dispute_path, page_path, traceback_path, writable_folder
 
     ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
     folder = writable_folder(out_dir)
-    record = _execute_with_progress(ready)
+    reasons = Reasons()
+    record = _execute_with_progress(ready, reasons.observe)
     page: Path | None = None
     with _writing():
         save(record, folder, Trace(trace), dump_decisions=dump_decisions)
         if len(record.steps):
             page = page_path(folder, record.run_id)
-            write_replay(page, record.manifest, record.steps, record.decisions)
+            with busy("weighing the other first actions"):
+                weighed = reasons.beside(record.decisions)
+            write_replay(page, record.manifest, record.steps, weighed)
     if as_json:
         print_json({"run": record.row, "results": str(folder), "page": None if page is None else str(page)})
     else:
@@ -159,10 +165,9 @@ def _writing() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
-def _execute_with_progress(ready: "ReadyRun") -> "RunRecord":
+def _execute_with_progress(ready: "ReadyRun", watch: "Callable[[Moment], None]") -> "RunRecord":
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from sumo_hmdp.sim.episode import Moment
     from sumo_hmdp.study.run import execute
 
     console = error_console()
@@ -170,7 +175,8 @@ def _execute_with_progress(ready: "ReadyRun") -> "RunRecord":
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"{ready.scenario} · {ready.planner_name}", total=ready.episode.steps, now="0.0 s")
 
-        def on_moment(moment: Moment) -> None:
+        def on_moment(moment: "Moment") -> None:
+            watch(moment)
             progress.update(task, completed=moment.step, now=f"{moment.scene.time:.1f} of {ready.episode.duration:g} s")
 
         return execute(ready, on_moment)

@@ -151,18 +151,16 @@ def complete_study(incomplete: str) -> list[str]:
 
 def complete_planner(incomplete: str) -> list[str]:
     """Complete a planner's name, those of other packages included."""
-    from sumo_hmdp.planning.registry import planner_kinds
+    from sumo_hmdp.planning.names import planner_names
 
-    with suppress(SumoHmdpError):
-        return _beginning_with(incomplete, sorted(planner_kinds()))
-    return []
+    return _beginning_with(incomplete, planner_names())
 
 
 def complete_solver(incomplete: str) -> list[str]:
     """Complete a solver's name."""
-    from sumo_hmdp.planning.decide import SOLVERS
+    from sumo_hmdp.planning.names import SOLVER_NAMES
 
-    return _beginning_with(incomplete, SOLVERS)
+    return _beginning_with(incomplete, SOLVER_NAMES)
 
 
 def complete_run(context: typer.Context, incomplete: str) -> list[str]:

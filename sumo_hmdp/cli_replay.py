@@ -37,8 +37,9 @@ def replay(
 ) -> None:
     """Write the page that replays a run of a results directory or a study.
 
-    What was stored is shown. Where the study kept no other vehicles (`trace: none` or `ego`), the run is done again
-    from its description, and shown only if it is the same bit for bit.
+    What was stored is shown. The run is done again from its description, to say of each decision why no other first
+    action was taken; where the study kept no other vehicles (`trace: none` or `ego`), to show it at all. That counts
+    only if it is the same bit for bit.
 
     Example: `sumo-hmdp replay results/main highway-hmdp_mpc-search-eps0.1-0123456789-seed3 --open`
     """
@@ -47,7 +48,9 @@ def replay(
     page = folder / "replays" / f"{run_id}.html" if out is None else out
     if page.suffix.lower() not in {".html", ".htm"}:
         raise InputError([f"--out: must end in .html, got {str(page)!r}. Name a file such as replay.html"])
-    run = _whole_run(folder, run_id)
+    run = _whole_run(folder, run_id, explained=True)
+    if run.untold:
+        say(f"the page does not say why other first actions were not taken: {run.untold}", typer.colors.YELLOW)
     try:
         write_replay(page, dict(run.manifest), run.steps, run.decisions)
     except OSError as error:
@@ -87,7 +90,7 @@ def _origin(run: "WholeRun") -> str:
     return "    (done again from its description: the same, bit for bit)" if run.repeated else ""
 
 
-def _whole_run(folder: Path, run_id: str) -> "WholeRun":
+def _whole_run(folder: Path, run_id: str, *, explained: bool = False) -> "WholeRun":
     from sumo_hmdp.sim.episode import Moment
     from sumo_hmdp.study.again import stored_run, whole_run
 
@@ -98,4 +101,4 @@ def _whole_run(folder: Path, run_id: str) -> "WholeRun":
         def on_moment(moment: Moment) -> None:
             on_progress(moment.scene.time, duration)
 
-        return whole_run(run, on_moment)
+        return whole_run(run, on_moment, explained=explained)

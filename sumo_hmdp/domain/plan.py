@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.scene import Scene
@@ -112,6 +112,30 @@ class PlanBound:
 
 
 @dataclass(frozen=True)
+class TriedAction:
+    """One first action that could be taken instead of the decision's, or the decision's own.
+
+    Attributes:
+        lateral: the lateral action.
+        mode: the mode.
+        chosen: whether it is the decision's.
+        verdict: `feasible`; `short`, where every plan that begins with it falls short of a distance; `contact`, where
+            every one ends in contact; `inadmissible`, where a rule forbids it.
+        reason: why its best plan is not feasible, in words; empty where it is.
+        objective: cost of its best plan, None where it has none.
+        violation: total violation of its best plan [m], None where it has none.
+    """
+
+    lateral: Lateral
+    mode: Mode
+    chosen: bool
+    verdict: str
+    reason: str
+    objective: float | None
+    violation: float | None
+
+
+@dataclass(frozen=True)
 class Command:
     """What the vehicle is told to do until the next decision.
 
@@ -188,6 +212,15 @@ class Evidence(Protocol):
 
     def problem_json(self) -> str:
         """Return the decision problem in its file form."""
+        ...
+
+
+@runtime_checkable
+class WeighsActions(Protocol):
+    """Evidence that can also tell what every other first action would have led to; a planner need not offer it."""
+
+    def tried(self) -> tuple[TriedAction, ...]:
+        """Return every first action; empty where they cannot be worked out."""
         ...
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.planning.registry import ENTRY_POINT_GROUP, planner_kinds
+from sumo_hmdp.planning.names import ENTRY_POINT_GROUP
+from sumo_hmdp.planning.registry import planner_kinds
 
 NAME_LENGTH_MAX = 40
 

@@ -3,13 +3,14 @@
 import json
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
-from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PlanBound, PredictedBranch
+from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PlanBound, PredictedBranch, TriedAction
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import Branches, PredictedVehicle, covariances, lateral_means
@@ -19,9 +20,11 @@ from sumo_hmdp.hmdp.reading import read_maneuver
 from sumo_hmdp.planning.audit import Audit, audit, shifted
 from sumo_hmdp.planning.corridors import forbidden_intervals
 from sumo_hmdp.planning.decide import Answer, answer
+from sumo_hmdp.planning.first_actions import first_actions
 from sumo_hmdp.planning.plan_bounds import plan_bounds
 from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.planning.problem_file import problem_document
+from sumo_hmdp.planning.search import SearchTooLargeError
 
 # Branches are shown down to this many a vehicle; decisions use all of them.
 SHOWN_BRANCHES = 12
@@ -218,6 +221,18 @@ class HmdpEvidence:
     def bounds(self) -> tuple[PlanBound, ...]:
         """Return what bounds the plan at each step, ahead and behind."""
         return tuple(plan_bounds(self.problem, self.answer))
+
+    def tried(self) -> tuple[TriedAction, ...]:
+        """Return every first action with what it leads to; empty where the horizon is too long for the search."""
+        with suppress(SearchTooLargeError):
+            return tuple(
+                TriedAction(
+                    action.lateral, action.mode, action.chosen, str(action.verdict), action.reason, action.objective,
+                    action.violation,
+                )
+                for action in first_actions(self.problem, self.answer)
+            )  # fmt: skip
+        return ()
 
     def problem_json(self) -> str:
         """Return the problem in its file form."""

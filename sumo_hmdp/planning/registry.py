@@ -1,22 +1,19 @@
 """Planners by name: those of this package and those that other packages offer as entry points."""
 
-import sys
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, Literal
 
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.planning.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
+from sumo_hmdp.planning.names import offered
 from sumo_hmdp.planning.planner import Belief, HmdpPlanner
 from sumo_hmdp.planning.problem_schema import PlannerFile
 from sumo_hmdp.planning.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 from sumo_hmdp.validation import FileModel, nearest
-
-ENTRY_POINT_GROUP = "sumo_hmdp.planners"
 
 
 class HmdpParameters(PlannerFile):
@@ -143,7 +140,7 @@ def planner_kinds() -> dict[str, PlannerKind]:
     """
     kinds = {kind.name: kind for kind in BUILT_IN}
     problems = []
-    for entry in _offered(tuple(sys.path)):
+    for entry in offered():
         try:
             kind = entry.load()
         except Exception as error:  # noqa: BLE001 - anything may go wrong in somebody's module
@@ -158,13 +155,6 @@ def planner_kinds() -> dict[str, PlannerKind]:
     if problems:
         raise InputError(problems)
     return kinds
-
-
-@lru_cache(maxsize=4)
-def _offered(path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    """Return what the packages on a path offer; looking through all of them takes several milliseconds."""
-    del path
-    return tuple(entry_points(group=ENTRY_POINT_GROUP))
 
 
 def _not_loaded(entry: EntryPoint, error: Exception) -> str:

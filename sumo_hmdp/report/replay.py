@@ -28,6 +28,7 @@ _SCRIPTS = (
     "replay_vehicles.js",
     "replay_plots.js",
     "replay_bounds.js",
+    "replay_actions.js",
     "replay_timeline.js",
     "replay_panel.js",
     "replay_app.js",

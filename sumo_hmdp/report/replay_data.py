@@ -48,7 +48,8 @@ DECISION_COLUMNS = (
     "branches_json",
     "forbidden_json",
 )
-BOUNDS = "bounds_json"
+BOUNDS, ACTIONS = "bounds_json", "actions_json"
+_KEY_OF = {BOUNDS: "bounds", ACTIONS: "actions"}
 # Decimals kept: millimetres for lengths, finer where a display derives from the number.
 _DECIMALS = {"x_m": 3, "y_m": 3, "heading_rad": 5, "speed_mps": 4, "accel_mps2": 4}
 _DECISION_DECIMALS = {"objective": 6, "violation_m": 6, "solve_time_ms": 3, "pruned_prob": 8}
@@ -144,18 +145,17 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     if not len(decisions):
         return []
     problems: list[Problem] = []
-    # Results of before this column was written say nothing of it.
-    known = BOUNDS in decisions.columns
-    if not known:
-        decisions = decisions.assign(**{BOUNDS: None})
+    # Results of before the bounds were written say nothing of them; the other first actions stand in no results.
+    unknown = [name for name in (BOUNDS, ACTIONS) if name not in decisions.columns]
+    decisions = decisions.assign(**dict.fromkeys(unknown))
     records = [
         _decision(row, f"decisions[{position}]", problems)
-        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS)))
+        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS, ACTIONS)))
     ]
     if problems:
         raise InputError(problems, source="replay")
-    if not known:
-        records = [record | {"bounds": None} for record in records]
+    missing = {_KEY_OF[name]: None for name in unknown}
+    records = [record | missing for record in records]
     return sorted(records, key=lambda record: (record["time_s"], record["decision_index"]))
 
 
@@ -169,7 +169,7 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
     record |= {name: _text(row[name]) for name in ("status", "reason", "lateral", "mode", "solver")}
     record |= {name: _number(row[name], decimals) for name, decimals in _DECISION_DECIMALS.items()}
     opened = {}
-    for name in ("plan_json", "branches_json", "forbidden_json", BOUNDS):
+    for name in ("plan_json", "branches_json", "forbidden_json", BOUNDS, ACTIONS):
         opened[name], problem = _opened(row[name])
         if problem:
             problems.append(Problem(f"{path}.{name}", problem))
@@ -180,6 +180,10 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
     record["bounds"] = [
         _rounded(entry, {"room_m": 3, "probability": 6, "x_m": 3, "distance_m": 3}, ("step", "side", "vehicle_id"))
         for entry in opened[BOUNDS]
+    ]
+    record["actions"] = [
+        _rounded(entry, {"objective": 6, "violation_m": 3}, ("lateral", "mode", "chosen", "verdict", "reason"))
+        for entry in opened[ACTIONS]
     ]
     record["branches"] = [_branch(entry) for entry in opened["branches_json"]]
     record["forbidden"] = [

@@ -71,7 +71,7 @@ def study_replays(folder: Path, run_ids: Iterable[str], on_run: Callable[[], Non
             continue
         spent += again
         try:
-            page = _page(run)
+            page = _page(run, explained=again > 0.0)
         except SumoHmdpError as error:
             left_out.append(f"{run_id} is not here: {error}")
             continue
@@ -83,8 +83,9 @@ def study_replays(folder: Path, run_ids: Iterable[str], on_run: Callable[[], Non
     return StudyReplays(tuple(pages), (*_told(pages), *left_out))
 
 
-def _page(run: StoredRun) -> StudyReplay:
-    whole = whole_run(run)
+def _page(run: StoredRun, *, explained: bool) -> StudyReplay:
+    # Where it has to be done again, the other first actions cost little more.
+    whole = whole_run(run, explained=explained)
     page = render_replay(dict(whole.manifest), whole.steps, whole.decisions)
     return StudyReplay(run.run_id, packed(page), whole.repeated)
 

@@ -2,7 +2,7 @@
 
 import difflib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.scenario.load import RunOptions, assemble_scenario
 from sumo_hmdp.sim.episode import Moment
+from sumo_hmdp.study.reasons import Reasons
 from sumo_hmdp.study.run import RunRecord, execute, versions
 from sumo_hmdp.study.store import cell_of, manifest_path, read_table, run_files
 
@@ -121,6 +122,8 @@ class WholeRun:
         steps: all vehicles at all instants.
         decisions: with branches and forbidden stretches.
         repeated: whether it was done again, since not all of this was stored.
+        untold: why `decisions` do not say what other first actions would have led to, empty where they do, or where
+            nobody asked.
     """
 
     manifest: Mapping[str, Any]
@@ -128,6 +131,7 @@ class WholeRun:
     steps: pd.DataFrame
     decisions: pd.DataFrame
     repeated: bool
+    untold: str = ""
 
 
 def keeps_all(steps: pd.DataFrame) -> bool:
@@ -135,7 +139,9 @@ def keeps_all(steps: pd.DataFrame) -> bool:
     return len(steps) > 0 and bool((steps["vehicle_id"] != EGO_ID).any())
 
 
-def whole_run(run: StoredRun, on_moment: Callable[[Moment], None] | None = None) -> WholeRun:
+def whole_run(
+    run: StoredRun, on_moment: Callable[[Moment], None] | None = None, *, explained: bool = False
+) -> WholeRun:
     """Return a run with all its vehicles: as stored, or done again where only a part was kept.
 
     A repetition shows the solve times that were stored: they are of the run, not of its repetition.
@@ -143,20 +149,45 @@ def whole_run(run: StoredRun, on_moment: Callable[[Moment], None] | None = None)
     Args:
         run: the stored run.
         on_moment: called with every instant of a repetition.
+        explained: do it again in any case, if its planner predicts anything, so that `decisions` say in `actions_json`
+            what the other first actions would have led to.
 
     Raises:
         InputError: as for `run_again`.
         SumoHmdpError: if the repetition is not the same run, bit for bit.
     """
     steps, decisions = run.table("steps"), run.table("decisions")
-    if keeps_all(steps):
-        return WholeRun(run.manifest(), run.row, steps, decisions, repeated=False)
+    stored = WholeRun(run.manifest(), run.row, steps, decisions, repeated=False)
+    kept = keeps_all(steps)
+    if kept and not (explained and len(decisions) and decisions["branch_count"].any()):
+        return stored
+    reasons = Reasons()
+
+    def watch(moment: Moment) -> None:
+        if explained:
+            reasons.observe(moment)
+        if on_moment is not None:
+            on_moment(moment)
+
+    try:
+        record = _repeated(run, watch)
+    except SumoHmdpError as error:
+        if not kept:
+            raise
+        return replace(stored, untold=str(error))
+    if not kept:
+        times = decisions["solve_time_ms"].to_numpy() if len(decisions) else None
+        again = record.decisions if times is None else record.decisions.assign(solve_time_ms=times)
+        stored = replace(stored, steps=record.steps, decisions=again, repeated=True)
+    return replace(stored, decisions=reasons.beside(stored.decisions)) if explained else stored
+
+
+def _repeated(run: StoredRun, on_moment: Callable[[Moment], None]) -> RunRecord:
+    """Do a run again, and raise unless it is the same, bit for bit."""
     record = run_again(run, on_moment)
     if record.row["trace_hash"] != run.row["trace_hash"]:
         raise SumoHmdpError(_not_the_same(run, record))
-    times = decisions["solve_time_ms"].to_numpy() if len(decisions) else None
-    again = record.decisions if times is None else record.decisions.assign(solve_time_ms=times)
-    return WholeRun(run.manifest(), run.row, record.steps, again, repeated=True)
+    return record
 
 
 def _not_the_same(run: StoredRun, record: RunRecord) -> str:

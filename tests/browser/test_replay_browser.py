@@ -237,6 +237,61 @@ def test_what_bounds_the_plan_is_told(open_page, tmp_path, manifest, steps, deci
     assert rooms == ["–", "–"]  # noqa: RUF001 - the dash of tables
 
 
+def test_why_no_other_first_action_was_taken_is_told(open_page, tmp_path, manifest, steps, decisions):
+    def action(lateral, mode, verdict, reason="", objective=None, *, chosen=False):
+        return {
+            "lateral": lateral, "mode": mode, "chosen": chosen, "verdict": verdict, "reason": reason,
+            "objective": objective, "violation_m": None if objective is None else 0.0,
+        }  # fmt: skip
+
+    tried = [
+        action("left", "cruise", "short", "car_05 at step 2 is 3.25 m too near", 7.0),
+        action("left", "accelerate", "contact", "contact with car_05 at step 3 at the latest"),
+        action("keep", "cruise", "feasible", objective=5.0, chosen=True),
+        action("keep", "decelerate", "feasible", objective=6.25),
+        action("keep", "accelerate", "feasible", objective=5.0),
+        action("right", "cruise", "inadmissible", "lane 3 is forbidden"),
+        action("right", "accelerate", "inadmissible", "lane 3 is forbidden"),
+    ]
+
+    def opened(name, status="optimal", **columns):
+        one = decisions.head(1).assign(status=status, **columns)
+        return open_page(write_replay(tmp_path / f"{name}.html", manifest, steps, one))
+
+    page = opened("tried", actions_json=json.dumps(tried))
+    rows = page.locator(".actions-table tbody tr")
+    assert [row.split("\t") for row in rows.all_inner_texts()] == [
+        ["left, cruise", "7", "car_05 at step 2 is 3.25 m too near"],
+        ["left, accelerate", "–", "contact with car_05 at step 3 at the latest"],  # noqa: RUF001 - the dash of tables
+        ["keep lane, cruise", "5", "taken"],
+        ["keep lane, decelerate", "6.25", "keeps every distance, costs 1.25 more"],
+        ["keep lane, accelerate", "5", "as good"],
+    ]
+    assert page.locator(".actions-table [aria-current] th").all_inner_texts() == ["keep lane, cruise"]
+    assert page.locator(".actions-table caption").count() == 1
+    assert page.locator(".actions-table th[scope=row]").count() == 5
+    assert page.inner_text(".not-allowed") == (
+        "Not allowed: right, cruise; right, accelerate – lane 3 is forbidden."  # noqa: RUF001
+    )
+    told = opened("untold").inner_text("#decision")
+    assert "Why no other first action was taken is not in this page: sumo-hmdp replay DIR RUN_ID works it out." in told
+    told = opened("rule", status="rule", actions_json="[]").inner_text("#decision")
+    assert "A rule weighs no other first actions." in told
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1280, "light")])
+def test_the_reasons_fit(open_page, tmp_path, manifest, steps, decisions, width, scheme):
+    long = {
+        "lateral": "keep", "mode": "decelerate", "chosen": True, "verdict": "short", "objective": 1234567.25,
+        "reason": f"{'bg-side-street-01-in-003' * 4} at step 1 is 13.41 m too near", "violation_m": 38.6,
+    }  # fmt: skip
+    file = write_replay(tmp_path / "long.html", manifest, steps, decisions.assign(actions_json=json.dumps([long])))
+    page = open_page(file, "#t=9", viewport={"width": width, "height": 844}, color_scheme=scheme)
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    inside = "() => { const t = document.querySelector('.actions-table'); return t.scrollWidth <= t.clientWidth + 1; }"
+    assert page.evaluate(inside)
+
+
 def test_dragging_the_road_looks_elsewhere_until_the_ego_is_followed_again(page):
     before = page.evaluate(STATE)["view"]
     box = page.locator("#road").bounding_box()

@@ -61,17 +61,51 @@ def test_a_run_without_steps_is_done_again(call, study, planned, tmp_path):
     decisions = results.decisions[results.decisions["run_id"] == planned]
     assert [one["solve_time_ms"] for one in data["decisions"]] == pytest.approx(decisions["solve_time_ms"], abs=1e-3)
     assert all(one["branches"] for one in data["decisions"])
+    weighs_nine_actions(data["decisions"])
+    assert "actions_json" not in results.decisions
+
+
+def weighs_nine_actions(decisions):
+    """The solver's answer is the best of what was tried, at the solver's own cost, and all else has its reason."""
+    assert decisions
+    for one in decisions:
+        actions = one["actions"]
+        assert [(action["lateral"], action["mode"]) for action in actions] == [
+            (lateral, mode) for lateral in ("left", "keep", "right") for mode in ("accelerate", "cruise", "decelerate")
+        ]
+        (chosen,) = [action for action in actions if action["chosen"]]
+        assert (chosen["lateral"], chosen["mode"], one["status"]) == (one["lateral"], one["mode"], "optimal")
+        costs = [action["objective"] for action in actions if action["verdict"] == "feasible"]
+        assert min(costs) == pytest.approx(one["objective"], abs=1e-4)
+        assert chosen["objective"] == pytest.approx(one["objective"], abs=1e-4)
+        assert all(action["reason"] for action in actions if action["verdict"] != "feasible")
+    reasons = " ".join(action["reason"] for one in decisions for action in one["actions"])
+    assert re.search(r"at step \d+ is \d+\.\d\d m too near", reasons)
 
 
 def test_stored_steps_are_shown_as_they_are(call, tmp_path, monkeypatch):
     assert call("run", "case3", "--solver", "search", "--out", tmp_path).code == 0
     run_id = sumo_hmdp.load(tmp_path).runs["run_id"].iloc[0]
-    monkeypatch.setattr("sumo_hmdp.study.again.execute", None)
+    page = tmp_path / "replays" / f"{run_id}.html"
 
     finished = call("replay", tmp_path, run_id)
 
-    assert finished.out == f"page: {tmp_path / 'replays' / run_id}.html\n"
-    assert data_of(tmp_path / "replays" / f"{run_id}.html")["vehicles"][0]["id"] == "ego"
+    assert (finished.out, finished.err) == (f"page: {page}\n", "")
+    first = data_of(tmp_path / f"{run_id}.html")
+    assert data_of(page) == first
+    weighs_nine_actions(first["decisions"])
+
+    # Where the run is another one now, what was stored is shown, and nothing that belongs to the other.
+    file = tmp_path / "runs" / f"{run_id}.parquet"
+    pd.read_parquet(file).assign(trace_hash="0" * 64).to_parquet(file, index=False)
+    finished = call("replay", tmp_path, run_id)
+    assert (finished.code, finished.out) == (0, f"page: {page}\n")
+    (line,) = finished.lines
+    assert line.startswith("the page does not say why other first actions were not taken: ")
+    other = data_of(page)
+    assert other["vehicles"] == first["vehicles"]
+    assert {str(one["actions"]) for one in other["decisions"]} == {"None"}
+    monkeypatch.setattr("sumo_hmdp.study.again.execute", None)
     assert call("video", tmp_path, run_id, tmp_path / "run.gif", "--speed", "5", "--width", "400").code == 0
     with Image.open(tmp_path / "run.gif") as film:
         assert film.width == 400

@@ -27,7 +27,7 @@ function showDecision(decision, onStep) {
   badge.dataset.status = decision.status;
   const head = make("div", { className: "decision-head" }, badge, make("b", {}, actionText(decision)));
   const why = decision.reason ? [make("p", { className: "why" }, decision.reason)] : [];
-  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), factsOf(decision), planTable(decision, onStep));
+  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), factsOf(decision), planTable(decision, onStep), ...actionsOf(decision));
 }
 
 function actionText(decision) {
