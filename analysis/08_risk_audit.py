@@ -8,7 +8,7 @@ plan, and the leader starts where that plan lies on its bound exactly.
 
     python analysis/08_risk_audit.py --seeds 80
     python analysis/08_risk_audit.py --seeds 80 --wavering
-    python analysis/08_risk_audit.py --seeds 2050 --placed
+    python analysis/08_risk_audit.py --seeds 2030 --placed
     python analysis/08_risk_audit.py --scenario matched --seeds 125
 """
 

@@ -80,12 +80,14 @@ class ForbiddenInterval:
         lane: the lane.
         x_from: lower end [m].
         x_to: upper end [m].
+        leaving_x: up to where the body may still be in the lane while it leaves it [m], None where it may not at all.
     """
 
     step: int
     lane: int
     x_from: float
     x_to: float
+    leaving_x: float | None = None
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,8 @@ def closed_stretches(problem: DecisionProblem, lattice: EgoLattice) -> Iterator[
     end = lattice.position_at(lattice.steps, farthest_stop(lattice))
     for k in range(1, lattice.steps + 1):
         for lane in range(1, problem.road.lane_count + 1):
-            closed = closed_from(problem, LaneState(lane))
-            if closed < end:
-                yield ForbiddenInterval(k, lane, closed, end)
+            line = nearest_line(problem.ego, problem.stop_lines, LaneState(lane))
+            if line is not None and line.x < end:
+                # Where the first place counts no more, the second has taken its place.
+                room = line.leaving_x if line.leaving_x is not None and line.leaving_x > line.x else None
+                yield ForbiddenInterval(k, lane, line.x, end, room)

@@ -193,6 +193,7 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
             "x_from_m": _bound(entry.get("x_from_m")),
             "x_to_m": _bound(entry.get("x_to_m")),
         }
+        | ({"leaving_x_m": _bound(entry["leaving_x_m"])} if "leaving_x_m" in entry else {})
         for entry in opened["forbidden_json"]
     ]
     return record

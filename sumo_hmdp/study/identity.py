@@ -10,11 +10,17 @@ from sumo_hmdp.study.store import SCHEMA_VERSION
 
 # What a scenario says besides the run itself: texts for people, and the sections of planners that do not drive.
 _NOT_RUN = ("description", "published", "planner", "planners")
+# Sections that came later: where there is none, a cell keeps the name that it had before.
+_LATER = ("matched_traffic",)
 
 
 def content_of(run: ReadyRun) -> dict[str, Any]:
     """Return everything that decides what happens in a run, apart from its seed."""
-    scenario = {key: value for key, value in run.configuration.items() if key not in _NOT_RUN}
+    scenario = {
+        key: value
+        for key, value in run.configuration.items()
+        if key not in _NOT_RUN and not (key in _LATER and value is None)
+    }
     # Networks may have the same name in different folders.
     scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
     return {

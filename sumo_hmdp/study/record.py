@@ -227,6 +227,7 @@ class Recorder:
             "forbidden_json": json.dumps(
                 [
                     {"step": block.step, "lane": block.lane, "x_from_m": block.x_from, "x_to_m": block.x_to}
+                    | ({} if block.leaving_x is None else {"leaving_x_m": block.leaving_x})
                     for block in (() if evidence is None else evidence.forbidden())
                 ]
             ),

@@ -103,12 +103,14 @@ function drawLaneNumbers(ctx, frame) {
 function forbiddenUnions(decision, step) {
   const unions = [];
   const entries = decision.forbidden.filter((entry) => entry.step === step)
-    .map((entry) => ({ lane: entry.lane, from: entry.x_from_m ?? -Infinity, to: entry.x_to_m ?? Infinity }))
+    .map((entry) => ({ lane: entry.lane, from: entry.x_from_m ?? -Infinity, to: entry.x_to_m ?? Infinity, leaving: entry.leaving_x_m ?? null }))
     .sort((a, b) => a.lane - b.lane || a.from - b.from);
   for (const entry of entries) {
     const last = unions[unions.length - 1];
-    if (last && last.lane === entry.lane && entry.from <= last.to) last.to = Math.max(last.to, entry.to);
-    else unions.push({ ...entry });
+    if (last && last.lane === entry.lane && entry.from <= last.to) {
+      last.to = Math.max(last.to, entry.to);
+      last.leaving ??= entry.leaving;
+    } else unions.push({ ...entry });
   }
   return unions;
 }
@@ -117,7 +119,7 @@ function drawForbidden(ctx, frame, decision, step) {
   const { pattern, scale } = hatch(ctx, ink.forbidden);
   // Anchored to the ground, or the hatch would crawl as the view follows the ego.
   pattern.setTransform(new DOMMatrix().translate(frame.px(0) % 8, TOP).scale(scale));
-  for (const { lane, from, to } of forbiddenUnions(decision, step)) {
+  for (const { lane, from, to, leaving } of forbiddenUnions(decision, step)) {
     const x1 = Math.max(frame.px(from), GUTTER - 4);
     const x2 = Math.min(frame.px(to), frame.width + 4);
     if (x2 <= x1) continue;
@@ -133,6 +135,10 @@ function drawForbidden(ctx, frame, decision, step) {
     ctx.strokeStyle = ink.forbidden;
     ctx.lineWidth = 1.5;
     for (const x of [x1, x2]) segment(ctx, x, y, x, y + frame.perLane - 4);
+    if (leaving === null) continue;
+    ctx.setLineDash([4, 4]);
+    segment(ctx, frame.px(leaving), y, frame.px(leaving), y + frame.perLane - 4);
+    ctx.setLineDash([]);
   }
   ctx.globalAlpha = 1;
 }

@@ -242,6 +242,17 @@ def test_the_planner_hands_lines_on_and_shows_them():
     assert '"stop_lines": [{"lanes": [2], "x_m": 120.0}]' in decision.evidence.problem_json()
 
 
+@pytest.mark.parametrize(("ego_x", "begins", "leaving"), [(0.0, 120.0, 144.0), (130.0, 144.0, None)])
+def test_the_merging_room_is_shown_until_the_ego_is_in_it(ego_x, begins, leaving):
+    asked = problem(((2,), 120.0))
+    lines = (StopLine(frozenset({2}), 120.0, 144.0),)
+    scene = Scene(0.0, asked.road, replace(asked.ego, x=ego_x), (), lines)
+    decision, _ = HmdpPlanner(asked.settings, {}).decide(scene, None)
+    assert [(one.lane, one.x_from, one.leaving_x) for one in decision.evidence.forbidden()] == [
+        (2, begins, leaving)
+    ] * 2
+
+
 def follow_plan(asked, found, ahead=0.0):
     step = found.plan[0]
     return replace(asked, ego=replace(asked.ego, x=step.x + ahead, speed=step.speed, lane=step.lane, mode=step.mode))
