@@ -1,10 +1,12 @@
 """Vectors that are affine in the data of a decision: what the coefficients of a compiled model are."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
+from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
 
 
@@ -17,7 +19,15 @@ class Affine:
 
     def at(self, data: FloatArray) -> FloatArray:
         """Evaluate for the data of one decision."""
-        return np.asarray(self.constant + self.matrix @ data)
+        element, datum, factor = self._terms
+        # What matrix @ data does, in the same order, without its preparations: they take longer than the product.
+        return self.constant + np.bincount(element, factor * data[datum], len(self.constant))
+
+    @cached_property
+    def _terms(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """The element, datum and factor of each entry, by element."""
+        element = np.repeat(np.arange(len(self.constant)), np.diff(self.matrix.indptr))
+        return element, self.matrix.indices.astype(np.int64), self.matrix.data
 
 
 class AffineBuilder:
