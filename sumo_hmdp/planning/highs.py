@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pyomo.repn import generate_standard_repn
 from scipy import sparse
 
+from sumo_hmdp.planning.affine import Affine, AffineBuilder
 from sumo_hmdp.planning.milp import build_model
 from sumo_hmdp.planning.milp_data import Shape
 
@@ -44,18 +45,6 @@ PRESOLVE_FROM_COLUMNS = 200
 
 
 @dataclass(frozen=True)
-class _Affine:
-    """A vector that is affine in the data: constant + matrix @ data."""
-
-    constant: FloatArray
-    matrix: sparse.csr_array
-
-    def at(self, data: FloatArray) -> FloatArray:
-        """Evaluate for the data of one decision."""
-        return np.asarray(self.constant + self.matrix @ data)
-
-
-@dataclass(frozen=True)
 class CompiledModel:
     """A model of one shape, ready to be filled in.
 
@@ -67,12 +56,10 @@ class CompiledModel:
         slot_count: number of data.
         rows: (nonzeros,) row of each coefficient; coefficients are sorted by column, then row.
         cols: (nonzeros,) its column.
-        coefficients: their values.
-        row_low: lower bounds of the rows.
-        row_high: upper bounds.
-        cost: of the columns.
-        integer: which columns are binary.
-        kinds: the same in HiGHS' words.
+        row_count: number of rows.
+        numbers: values of the coefficients, then lower and upper bounds of the rows, then costs of the columns.
+        integer: (columns,) 1 where a column is binary, else 0.
+        high: (columns,) upper bounds of the columns; all lower ones are 0.
     """
 
     shape: Shape
@@ -82,12 +69,16 @@ class CompiledModel:
     slot_count: int
     rows: NDArray[np.int32]
     cols: NDArray[np.int32]
-    coefficients: _Affine
-    row_low: _Affine
-    row_high: _Affine
-    cost: _Affine
-    integer: NDArray[np.bool_]
-    kinds: tuple[Any, ...]
+    row_count: int
+    numbers: Affine
+    integer: NDArray[np.int32]
+    high: FloatArray
+
+    def filled(self, data: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return coefficients, lower and upper bounds of the rows, and costs of the columns for some data."""
+        numbers = self.numbers.at(data)
+        low, high, cost = (len(self.rows) + n * self.row_count for n in range(3))
+        return numbers[:low], numbers[low:high], numbers[high:cost], numbers[cost:]
 
     @property
     def window_shape(self) -> tuple[int, int, int, int]:
@@ -103,26 +94,6 @@ class CompiledModel:
         steps, levels = self.window_shape[0], self.window_shape[2]
         near = np.abs(np.arange(levels) - levels // 2) <= np.arange(1, steps + 1)[:, None]
         return np.broadcast_to(near[:, None, :, None], self.window_shape)
-
-
-class _AffineBuilder:
-    """Collects entries of an affine vector."""
-
-    def __init__(self) -> None:
-        self.constant: list[float] = []
-        self.entries: list[tuple[int, int, float]] = []
-
-    def add(self, constant: float = 0.0) -> int:
-        self.constant.append(constant)
-        return len(self.constant) - 1
-
-    def depend(self, position: int, slot: int, factor: float) -> None:
-        self.entries.append((position, slot, factor))
-
-    def build(self, slot_count: int) -> _Affine:
-        positions, slots, factors = zip(*self.entries, strict=True) if self.entries else ((), (), ())
-        shape = (len(self.constant), slot_count)
-        return _Affine(np.array(self.constant), sparse.csr_array((factors, (positions, slots)), shape=shape))
 
 
 def _numbered(block: pyo.Block) -> tuple[dict[str, slice], list[Any]]:
@@ -148,7 +119,7 @@ def compile_model(shape: Shape) -> CompiledModel:
     columns, unknowns = _numbered(model)
     slot = {id(variable): number for number, variable in enumerate(data)}
     column = {id(variable): number for number, variable in enumerate(unknowns)}
-    coefficients, low, high = _AffineBuilder(), _AffineBuilder(), _AffineBuilder()
+    coefficients, low, high = AffineBuilder(), AffineBuilder(), AffineBuilder()
     rows: list[int] = []
     cols: list[int] = []
     for number, row in enumerate(model.component_data_objects(pyo.Constraint)):
@@ -164,7 +135,7 @@ def compile_model(shape: Shape) -> CompiledModel:
             if bound is not None:
                 for datum, factor in shifts:
                     builder.depend(position, datum, -factor)
-    cost = _AffineBuilder()
+    cost = AffineBuilder()
     for _ in unknowns:
         cost.add()
     for at, factor, datum in _terms(model.cost.expr, slot, column)[0]:
@@ -178,7 +149,11 @@ def compile_model(shape: Shape) -> CompiledModel:
     adding = sparse.csr_array(
         (np.ones(len(rows)), (place.ravel(), np.arange(len(rows)))), shape=(places.shape[1], len(rows))
     )
-    integer = np.array([variable.is_binary() for variable in unknowns])
+    parts = [
+        Affine(adding @ entries.constant, sparse.csr_array(adding @ entries.matrix)),
+        *(builder.build(len(data)) for builder in (low, high, cost)),
+    ]
+    integer = np.array([variable.is_binary() for variable in unknowns], dtype=np.int32)
     return CompiledModel(
         shape=shape,
         columns=columns,
@@ -187,12 +162,13 @@ def compile_model(shape: Shape) -> CompiledModel:
         slot_count=len(data),
         rows=places[1].astype(np.int32),
         cols=places[0].astype(np.int32),
-        coefficients=_Affine(adding @ entries.constant, sparse.csr_array(adding @ entries.matrix)),
-        row_low=low.build(len(data)),
-        row_high=high.build(len(data)),
-        cost=cost.build(len(data)),
+        row_count=len(low.constant),
+        numbers=Affine(
+            np.concatenate([part.constant for part in parts]),
+            sparse.csr_array(sparse.vstack([part.matrix for part in parts])),
+        ),
         integer=integer,
-        kinds=tuple(highspy.HighsVarType.kInteger if whole else highspy.HighsVarType.kContinuous for whole in integer),
+        high=np.where(integer == 1, 1.0, highspy.kHighsInf),
     )
 
 
@@ -249,7 +225,7 @@ def solve(
     time_limit: float = highspy.kHighsInf,
     start: FloatArray | None = None,
     *,
-    presolve: bool = False,
+    presolve: bool | None = None,
 ) -> MilpResult:
     """Fill a compiled model in and solve it.
 
@@ -258,36 +234,42 @@ def solve(
         data: one number a slot.
         time_limit: of the solve [s]; what is known then is returned.
         start: values of the columns to start from, None for none.
-        presolve: whether to presolve a small model too.
+        presolve: whether to presolve the model; None leaves it to its size.
     """
-    values = compiled.coefficients.at(data)
-    there = np.flatnonzero(values)
-    counts = np.bincount(compiled.cols[there], minlength=compiled.column_count)
-    lp = highspy.HighsLp()
-    lp.num_col_, lp.num_row_ = compiled.column_count, len(compiled.row_low.constant)
-    lp.col_cost_ = compiled.cost.at(data)
-    lp.col_lower_ = np.zeros(compiled.column_count)
-    lp.col_upper_ = np.where(compiled.integer, 1.0, highspy.kHighsInf)
-    lp.row_lower_ = compiled.row_low.at(data)
-    lp.row_upper_ = compiled.row_high.at(data)
-    lp.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-    lp.a_matrix_.start_ = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    lp.a_matrix_.index_ = compiled.rows[there]
-    lp.a_matrix_.value_ = values[there]
-    lp.integrality_ = list(compiled.kinds)
+    coefficients, row_low, row_high, cost = compiled.filled(data)
+    there = np.flatnonzero(coefficients)
+    begins = np.zeros(compiled.column_count + 1, dtype=np.int32)
+    np.cumsum(np.bincount(compiled.cols[there], minlength=compiled.column_count), out=begins[1:])
     solver = _solver()
-    presolve |= compiled.column_count >= PRESOLVE_FROM_COLUMNS
+    if presolve is None:
+        presolve = compiled.column_count >= PRESOLVE_FROM_COLUMNS
     solver.setOptionValue("presolve", "choose" if presolve else "off")
     # HiGHS counts the time of all solves in its life.
     solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
-    solver.passModel(lp)
+    solver.passModel(
+        compiled.column_count,
+        compiled.row_count,
+        len(there),
+        int(highspy.MatrixFormat.kColwise),
+        int(highspy.ObjSense.kMinimize),
+        0.0,
+        cost,
+        np.zeros(compiled.column_count),
+        compiled.high,
+        row_low,
+        row_high,
+        begins,
+        compiled.rows[there],
+        coefficients[there],
+        compiled.integer,
+    )
     if start is not None:
         solution = highspy.HighsSolution()
         solution.col_value = start.tolist()
         solver.setSolution(solution)
     solver.run()
     status = solver.modelStatusToString(solver.getModelStatus())
-    found = solver.getInfo().primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible
+    found = solver.getInfoValue("primal_solution_status")[1] == int(highspy.SolutionStatus.kSolutionStatusFeasible)
     result = MilpResult(status, np.array(solver.getSolution().col_value) if found else None)
     solver.clearModel()
     return result

@@ -102,9 +102,10 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
     limit = _violation(problem, lattice, corridors, sequence) + DISTANCE_TOLERANCE / lattice.unit
     for slack in CAP_SLACKS:
         data[compiled.slots["violation_cap"]] = least + slack / lattice.unit
-        second = solve(compiled, data, _time_limit(problem))
+        # Under so tight a cap HiGHS' presolve may never end, and without it the answer may be "Infeasible", which is
+        # wrong, as the first plan is below every cap.
+        second = solve(compiled, data, _time_limit(problem), presolve=False)
         if second.status == "Infeasible":
-            # The first plan is below every cap, so this is wrong. It is rare, and never seen with presolve.
             second = solve(compiled, data, _time_limit(problem), presolve=True)
         cheapest = None if second.values is None else _sequence(compiled, second)
         if cheapest is not None and _violation(problem, lattice, corridors, cheapest) <= limit:
@@ -162,15 +163,16 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
     tolerance = SPEED_TOLERANCE / lattice.speed_step
     slack = STOPPING_SLACK if lattice.stopping else WHOLE_SLACK
     lane, move = np.zeros((H, width)), np.zeros((H, width, width))
-    windows = {name: np.zeros(compiled.window_shape) for name in ("open", *_BOUNDS)}
+    bounds = {name: direction for name, direction in _BOUNDS.items() if direction or shape.relaxed}
+    windows = {name: np.zeros(compiled.window_shape) for name in ("open", *bounds)}
     steps = openings_of(corridors, stopping=lattice.stopping)
     for k, openings in enumerate(steps):
         before, count = openings.moves.shape
         lane[k, :count] = openings.lane
         move[k, :before, :count] = openings.moves
-        windows["open"][k, :count] = openings.open
-        for name, direction in _BOUNDS.items():
-            bound = np.where(openings.open, getattr(openings, name) + direction * slack, 0.0)
+        windows["open"][k, :count] = is_open = openings.open
+        for name, direction in bounds.items():
+            bound = np.where(is_open, getattr(openings, name) + direction * slack, 0.0)
             windows[name][k, :count] = bound if direction else _whole_if_near(bound, lattice)
     lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
     highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
@@ -178,13 +180,13 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         "may_accelerate": problem.ego.mode >= 0,
         "may_decelerate": problem.ego.mode <= 0,
         "start_lane": problem.ego.lane,
-        "level_min": -lattice.levels_to_rest if lattice.stopping else np.clip(np.ceil(lowest), -room, room),
-        "level_max": np.clip(highest + slack if lattice.stopping else np.floor(highest), -room, room),
+        "level_min": -lattice.levels_to_rest if lattice.stopping else min(max(np.ceil(lowest), -room), room),
+        "level_max": min(max(highest + slack if lattice.stopping else np.floor(highest), -room), room),
         "speed_step": lattice.speed_step,
         "speed_error": lattice.speed - preferences.desired_speed,
         "deadband": preferences.speed_deadband,
         "speed_weight": preferences.speed_weight,
-        "maneuver_cost": preferences.maneuver_cost,
+        "maneuver_cost": np.array(preferences.maneuver_cost),
         "start_move": move[0, 0],
         "move": move[1:],
         "lane": lane,
@@ -213,8 +215,8 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         values["terminal"] = table[:, :, :, ::-1]
     data = np.zeros(compiled.slot_count)
     for name, place in compiled.slots.items():
-        if name in values:
-            data[place] = np.asarray(values[name], dtype=np.float64).ravel()
+        value = values.get(name, 0.0)
+        data[place] = value.ravel() if isinstance(value, np.ndarray) else value
     return data
 
 

@@ -58,12 +58,9 @@ def test_a_start_meets_every_row_of_the_model(general_problems):
         start = start_values(compiled, started, lattice, corridors)
         assert start is not None
         data = fill(compiled, started, lattice, corridors)
-        rows = np.bincount(
-            compiled.rows,
-            weights=compiled.coefficients.at(data) * start[compiled.cols],
-            minlength=len(compiled.row_low.constant),
-        )
-        assert (rows >= compiled.row_low.at(data) - 1e-9).all()
-        assert (rows <= compiled.row_high.at(data) + 1e-9).all()
+        coefficients, low, high, _ = compiled.filled(data)
+        rows = np.bincount(compiled.rows, weights=coefficients * start[compiled.cols], minlength=compiled.row_count)
+        assert (rows >= low - 1e-9).all()
+        assert (rows <= high + 1e-9).all()
         seen[corridors.levelled] += 1
     assert min(seen[True], seen[False]) >= 5
