@@ -13,11 +13,12 @@ from sumo_hmdp.domain.occupancy import LaneState, Occupancy, quintic_progress, q
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import PredictedVehicle
+from sumo_hmdp.hmdp.branches import PredictedVehicle, predict
 from sumo_hmdp.hmdp.dynamics import Noise
 from sumo_hmdp.hmdp.policy import Policy
 from sumo_hmdp.planning import decide, optimiser
 from sumo_hmdp.planning.decide import SOLVERS, SolversDisagreeError, answer
+from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.highs import MilpResult
 from sumo_hmdp.planning.occupancy import start_state
 from sumo_hmdp.planning.problem import (
@@ -180,6 +181,16 @@ def test_a_fallback_brakes_as_hard_as_the_leader_demands():
     fast = answer(problem(speed_max=10.0))
     assert fast.status is Status.FALLBACK
     assert fast.brake == 2.0
+
+
+# Lengths of 4.5 m, front bumpers d apart: (4.5 + d) / 8 <= (4.5 - d) / 2 holds up to d = 2.7 m.
+@pytest.mark.parametrize(("x", "brake"), [(-0.3, 8.0), (-2.69, 8.0), (-2.71, 2.0), (-4.4, 2.0), (-4.6, 2.0)])
+def test_a_fallback_brakes_for_a_vehicle_beside_the_ego_that_is_sooner_ahead_than_behind(x, brake):
+    comes_over = car(x, lane=1, policy=Policy(((0.0, 0.0, 1.0), KEEP, KEEP), KEEP))
+    stays = car(-1.0, lane=3)
+    decision = problem(comes_over, stays)
+    branches = predict(decision.vehicles, decision.settings.prediction())
+    assert braking_demand(decision, branches) == (brake, f"at{x:g}" if brake == 8.0 else None)
 
 
 def test_a_relaxed_plan_names_who_is_too_near():
