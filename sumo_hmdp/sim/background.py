@@ -6,7 +6,6 @@ Nothing here imports SUMO: the module that talks to it comes in as an argument.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.contact import overlap_depth
 from sumo_hmdp.sim.courtesy import Courtesy
+from sumo_hmdp.sim.getters import Getters
 from sumo_hmdp.sim.ghost import image_lane, second_lane
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.sim.routes import Routes
@@ -119,7 +119,7 @@ class Background:
             dt: simulation step [s].
             spawns: all background vehicles of the run, also those that enter later.
         """
-        self._sumo, self._settings, self._dt = sumo, settings, dt
+        self._sumo, self._getters, self._settings, self._dt = sumo, Getters(sumo), settings, dt
         self._network, self._road = network, network.road
         self._routes = Routes(network)
         self._exits: list[str | None] = [spawn.exit for spawn in spawns]
@@ -158,6 +158,8 @@ class Background:
             add: inserts a vehicle at the end of the coming step.
             others: everybody on the road who is no background vehicle.
         """
+        if not self._waiting or self._spawns[self._waiting[0]].time > time + _SOON:
+            return
         still_waiting: list[int] = []
         entered: list[int] = []
         full: set[int] = set()
@@ -336,15 +338,11 @@ class Background:
         if gone:
             self._let_drive(self.active[~np.isin(self.active, gone)])
         rows, names, self._on_road = self.active, self._names, None
-        vehicle = self._sumo.vehicle
         self._last = np.array([self._x, self._y, self._speed])
         try:
-            # Two calls a vehicle and step: everything around them counts.
-            flat = np.fromiter(chain.from_iterable(map(vehicle.getPosition, names)), np.float64, 2 * len(names))
-            speeds = np.fromiter(map(vehicle.getSpeed, names), np.float64, len(names))
+            places, speeds = self._getters.positions(names), self._getters.speeds(names)
         except self._sumo.TraCIException as error:
             raise SimulationError(f"a background vehicle must stay until the road's end, got: {error}") from error
-        places = flat.reshape(-1, 2)
         self._x[rows], self._y[rows], self._speed[rows] = places[:, 0], places[:, 1], speeds
         self._turn(rows, places)
         # SUMO answers for a vehicle that it has taken off with a large negative number.
@@ -357,16 +355,21 @@ class Background:
 
     def _turn(self, rows: IntArray, places: FloatArray) -> None:
         """Turn the bodies: the rear axle follows the front bumper as a trailer follows its hitch (eq. 18)."""
-        dx, dy = (places - self._last[:2, rows].T).T
+        dx, dy = places[:, 0] - self._last[0].take(rows), places[:, 1] - self._last[1].take(rows)
         distance = np.hypot(dx, dy)
         # Who stands keeps its heading; who has just come has none yet.
         moved = distance > _STANDS
-        rows, distance, course = rows[moved], distance[moved], np.arctan2(dy[moved], dx[moved])
-        turned = trailing_heading(self._heading[rows], course, distance, self._levers[rows])
-        self._heading[rows] = np.where(self._has_course[rows], turned, course)
-        self._has_course[rows] = True
+        course = np.arctan2(dy, dx)
+        if not moved.all():
+            rows, distance, course = rows[moved], distance[moved], course[moved]
+        turned = trailing_heading(self._heading.take(rows), course, distance, self._levers.take(rows))
+        known = self._has_course.take(rows)
+        if not known.all():
+            turned = np.where(known, turned, course)
+            self._has_course[rows] = True
+        self._heading[rows] = turned
         # SUMO lets a change take its time however slow the vehicle is; a body does not turn across the road for it.
-        changing = rows[self._origin[rows] != self._target[rows]]
+        changing = rows[self._origin.take(rows) != self._target.take(rows)]
         if len(changing):
             self._heading[changing] = np.clip(self._heading[changing], -_STEEPEST, _STEEPEST)
 
@@ -391,14 +394,15 @@ class Background:
         return self._on_road
 
     def _find_on_road(self) -> IntArray:
-        # Who comes by a ramp is nowhere before it has been read once.
-        rows: IntArray = self.active[np.isfinite(self._x[self.active])]
-        x, y = self._x[rows], self._y[rows]
-        lane = np.floor((self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5).astype(np.int64)
-        inside = (lane >= 1) & (lane <= self._road.lane_count) & (np.abs(self._heading[rows]) <= _CROSSING)
-        rows, lane = rows[inside], lane[inside]
-        exists: NDArray[np.bool_] = self._network.lane_exists(x[inside])[np.arange(len(rows)), lane - 1]
-        return rows[exists]
+        rows = self.active
+        x, y, heading = self._x.take(rows), self._y.take(rows), self._heading.take(rows)
+        lane = (self._road.lane_count + 1) / 2 - y / self._road.lane_width + 0.5
+        # Who comes by a ramp is nowhere, with an x that is not a number, before it has been read once.
+        inside = (lane >= 1.0) & (lane < self._road.lane_count + 1) & (np.abs(heading) <= _CROSSING) & np.isfinite(x)
+        if not inside.all():
+            rows, x, lane = rows[inside], x[inside], lane[inside]
+        exists = self._network.lane_exists(x)[np.arange(len(rows)), lane.astype(np.int64) - 1]
+        return rows if exists.all() else rows[exists]
 
     def states(self, x: float, reach: float) -> list[VehicleState]:
         """Return who drives along the road within `reach` of `x` [m], in the lane of its front centre, at cruise."""
@@ -442,17 +446,11 @@ class Background:
         if not len(rows):
             return []
         x, y, speed = self._x[rows], self._y[rows], self._speed[rows]
-        _, last_y, last_speed = self._last[:, rows]
-        new = np.isnan(last_y)
-        columns = (
-            x,
-            y,
-            speed,
-            self._road.lanes_at(y),
-            np.where(new, 0.0, (speed - last_speed) / self._dt),
-            self._heading[rows],
-            np.where(new, 0.0, (y - last_y) / self._dt),
-        )
+        accel, lateral_speed = (speed - self._last[2, rows]) / self._dt, (y - self._last[1, rows]) / self._dt
+        new = np.isnan(lateral_speed)
+        if new.any():
+            accel[new], lateral_speed[new] = 0.0, 0.0
+        columns = (x, y, speed, self._road.lanes_at(y), accel, self._heading[rows], lateral_speed)
         spawns, cruise = self._spawns, Mode.CRUISE
         # Positional: twice as fast, and done for everybody in sight at every step.
         return [
@@ -464,13 +462,15 @@ class Background:
 
     def _note_contacts(self, rows: IntArray) -> None:
         """Note background vehicles that overlap: next to each other in a lane, or in either lane of a change."""
-        both = rows[self._origin[rows] != self._target[rows]]
-        row = np.concatenate([rows, both])
-        lane = np.concatenate([self._target[rows], self._origin[both]])
-        order = np.lexsort((self._x[row], lane))
-        row, lane = row[order], lane[order]
+        target, origin = self._target.take(rows), self._origin.take(rows)
+        two = np.flatnonzero(origin != target)
+        row = np.concatenate([rows, rows.take(two)])
+        lane = np.concatenate([target, origin.take(two)])
+        x = self._x.take(row)
+        order = np.lexsort((x, lane))
+        row, lane, x = row.take(order), lane.take(order), x.take(order)
         behind, ahead = row[:-1], row[1:]
-        near = (lane[:-1] == lane[1:]) & (self._x[ahead] - self._traits[0, ahead] < self._x[behind])
+        near = (lane[:-1] == lane[1:]) & (x[1:] - self._traits[0].take(ahead) < x[:-1])
         for i, j in zip(behind[near].tolist(), ahead[near].tolist(), strict=True):
             if i != j and overlap_depth(*self._states(np.array([i, j]))) > 0.0:
                 first, second = sorted((self._spawns[i].id, self._spawns[j].id))

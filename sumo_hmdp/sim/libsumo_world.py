@@ -177,7 +177,9 @@ class LibsumoWorld:
         self.step += 1
         self._insert_due(ego or self._ego)
         if self._background is not None:
-            others = (replace(self._ego, lane=(ego or self._ego).lane), *self._on_road)
+            lane = (ego or self._ego).lane
+            seen = self._ego if self._ego.lane == lane else replace(self._ego, lane=lane)
+            others = (seen, *self._on_road)
             self._background.change_lanes(self.step, others)
             self._background.make_room(others)
         self._slow_to_desired()
@@ -297,29 +299,29 @@ class LibsumoWorld:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
         _insert(self._routes, vehicle, name, lane, kind)
 
-    def _move(self, vehicle: VehicleState, name: str) -> None:
-        """Command pose and speed for the end of the coming step."""
-        degrees = (90.0 - math.degrees(vehicle.heading)) % 360.0
-        libsumo.vehicle.moveToXY(name, "", -1, float(vehicle.x), float(vehicle.y), degrees, _KEEP_POSITION)
-        libsumo.vehicle.setSpeed(name, float(vehicle.speed))
+    def _move(self, name: str, x: float, y: float, heading: float, speed: float) -> None:
+        """Command pose [m, rad] and speed [m/s] for the end of the coming step."""
+        degrees = (90.0 - math.degrees(heading)) % 360.0
+        libsumo.vehicle.moveToXY(name, "", -1, float(x), float(y), degrees, _KEEP_POSITION)
+        libsumo.vehicle.setSpeed(name, float(speed))
 
     def _place(self, vehicle: VehicleState) -> None:
         """Command the vehicle and, where its body reaches into a second lane, its ghost there.
 
         When the front centre crosses the line, SUMO's image of it and the ghost swap lanes in one step.
         """
-        image = vehicle
+        y, heading = vehicle.y, vehicle.heading
         if self.settings.lane_change_time is not None:
             # SUMO then lets changes take their time, and would never free the lane that a moved vehicle has left.
             road = self.settings.road
-            image = replace(vehicle, y=road.center_y(image_lane(vehicle.y, road)), heading=0.0)
-        self._move(image, vehicle.id)
+            y, heading = road.center_y(image_lane(vehicle.y, road)), 0.0
+        self._move(vehicle.id, vehicle.x, y, heading, vehicle.speed)
         ghost = ghost_of(vehicle, self.settings.road, self._ghosts.get(vehicle.id))
         if ghost is not None:
             name = GHOST_PREFIX + vehicle.id
             if vehicle.id not in self._ghosts:
                 self._add(ghost, name, ghost.lane, DriverKind.POSED)
-            self._move(ghost, name)
+            self._move(name, ghost.x, ghost.y, ghost.heading, ghost.speed)
             self._ghosts[vehicle.id] = ghost.lane
 
     def _drop_ghost(self, vehicle_id: str) -> None:
