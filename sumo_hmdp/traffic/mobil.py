@@ -123,7 +123,7 @@ def choose_lanes(
             It is seen as a standing leader without length.
     """
     lane_count = allowed.shape[1]
-    near = find_neighbours(vehicles.x, vehicles.lane, vehicles.second_lane, lane_count)
+    near = find_neighbours(vehicles.x, vehicles.lane, vehicles.second_lane, lane_count, vehicles.length)
     side, changer = _candidates(vehicles, allowed, may_change)
     moves = np.zeros(len(vehicles.x), dtype=np.intp)
     if not len(changer):

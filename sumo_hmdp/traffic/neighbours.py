@@ -19,7 +19,7 @@ class Neighbours:
     Where there is none the index is n, which no array of the n vehicles has: who forgets to look is told.
 
     Attributes:
-        ahead: nearest by the front bumper, in front of vehicle i.
+        ahead: of those whose front bumper is ahead of that of vehicle i, the one whose rear bumper is nearest.
         behind: nearest by the front bumper, behind vehicle i.
         rank: of each vehicle along the road, shape (n,); 0 is the last one.
     """
@@ -29,16 +29,20 @@ class Neighbours:
     rank: IntArray
 
 
-def find_neighbours(x: FloatArray, lane: IntArray, second_lane: IntArray, lane_count: int) -> Neighbours:
+def find_neighbours(
+    x: FloatArray, lane: IntArray, second_lane: IntArray, lane_count: int, length: FloatArray | None = None
+) -> Neighbours:
     """Return everybody's nearest vehicles in every lane.
 
-    Of two at the same x the one later in the arrays counts as ahead.
+    Of two at the same x the one later in the arrays counts as ahead. Two that are level in a lane, as when one is about to
+    enter it beside a truck, may both be ahead: the one whose rear bumper is nearer is the leader.
 
     Args:
         x: front bumpers [m], shape (n,).
         lane: 1 is leftmost, shape (n,).
         second_lane: the other lane that a vehicle occupies while it changes, 0 for none; it is there in both.
         lane_count: number of lanes.
+        length: [m], shape (n,); None where all are of no length.
 
     Raises:
         InputError: a position is not finite, or a lane is not on the road.
@@ -58,14 +62,17 @@ def find_neighbours(x: FloatArray, lane: IntArray, second_lane: IntArray, lane_c
     there = there[1:]
     ahead = np.full((lane_count, count + 1), count)
     behind = np.full((lane_count, count + 1), -1)
-    ahead[:, :count] = np.minimum.accumulate(np.where(there, place, count)[:, ::-1], axis=1)[:, ::-1]
+    by_rear = place if length is None else np.argsort((x - length)[order], kind="stable")
+    rear_rank = np.empty_like(place)
+    rear_rank[by_rear] = place
+    ahead[:, :count] = np.minimum.accumulate(np.where(there, rear_rank, count)[:, ::-1], axis=1)[:, ::-1]
     behind[:, 1:] = np.maximum.accumulate(np.where(there, place, -1), axis=1)
     # Column r of `ahead` still counts the vehicle of rank r itself, column r of `behind` ends before it.
     # Both -1 and n select the last entry, which stands for nobody.
-    named = np.append(order, count)
+    leaders, followers = np.append(order[by_rear], count), np.append(order, count)
     # `take` is several times as fast as indexing here.
     return Neighbours(
-        named.take(ahead.take(rank + 1, axis=1)), named.take(behind.take(rank, axis=1), mode="wrap"), rank
+        leaders.take(ahead.take(rank + 1, axis=1)), followers.take(behind.take(rank, axis=1), mode="wrap"), rank
     )
 
 

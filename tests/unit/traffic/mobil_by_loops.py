@@ -44,7 +44,8 @@ class Loops:
             for j, o in enumerate(self.cars)
             if j != i and lane in (o.lane, o.second) and self.order(j) > self.order(i)
         ]
-        return min(others, key=self.order, default=None)
+        # Of two that are level the one with the nearer rear.
+        return min(others, key=lambda j: (self.cars[j].x - self.cars[j].length, *self.order(j)), default=None)
 
     def behind(self, i, lane):
         others = [

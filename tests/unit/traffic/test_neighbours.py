@@ -27,14 +27,22 @@ def test_a_careless_look_up_of_nobody_fails():
         x[near.ahead[0]]
 
 
-def search(x, lane, second, lanes, i):
+def test_of_two_ahead_the_one_with_the_nearer_rear_leads():
+    # A car of 4.5 m about to enter the lane of a truck of 12 m, its front 10 cm behind the truck's.
+    x, lane, second = np.array([30.0, 40.0, 39.9]), np.array([2, 1, 2]), np.array([0, 0, 1])
+    assert find_neighbours(x, lane, second, 2, np.array([4.5, 12.0, 4.5])).ahead[0, 0] == 1
+    assert find_neighbours(x, lane, second, 2, np.array([4.5, 4.5, 4.5])).ahead[0, 0] == 2
+    assert find_neighbours(x, lane, second, 2).ahead[0, 0] == 2
+
+
+def search(x, lane, second, lanes, i, length):
     """The nearest ones by going through all; of two at the same x the later one is ahead."""
     ahead, behind = len(x), len(x)
     for j in range(len(x)):
         if j == i or lanes not in (lane[j], second[j]):
             continue
         if (x[j], j) > (x[i], i):
-            if ahead == len(x) or (x[j], j) < (x[ahead], ahead):
+            if ahead == len(x) or (x[j] - length[j], x[j], j) < (x[ahead] - length[ahead], x[ahead], ahead):
                 ahead = j
         elif behind == len(x) or (x[j], j) > (x[behind], behind):
             behind = j
@@ -43,14 +51,17 @@ def search(x, lane, second, lanes, i):
 
 @settings(deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(0, 9), st.integers(1, 3), st.sampled_from([0, 0, 1, 2, 3])), max_size=12),
+    st.lists(
+        st.tuples(st.integers(0, 9), st.integers(1, 3), st.sampled_from([0, 0, 1, 2, 3]), st.integers(1, 4)),
+        max_size=12,
+    ),
 )
 def test_against_a_search(rows):
-    x, lane, second = (np.array([row[k] for row in rows], dtype=int) for k in range(3))
-    near = find_neighbours(x.astype(float), lane, second, 3)
+    x, lane, second, length = (np.array([row[k] for row in rows], dtype=int) for k in range(4))
+    near = find_neighbours(x.astype(float), lane, second, 3, length.astype(float))
     for i in range(len(rows)):
         for row in range(3):
-            assert (near.ahead[row, i], near.behind[row, i]) == search(x, lane, second, row + 1, i)
+            assert (near.ahead[row, i], near.behind[row, i]) == search(x, lane, second, row + 1, i, length)
 
 
 @pytest.mark.parametrize(
