@@ -34,8 +34,8 @@ def find_neighbours(
 ) -> Neighbours:
     """Return everybody's nearest vehicles in every lane.
 
-    Of two at the same x the one later in the arrays counts as ahead. Two that are level in a lane, as when one is about to
-    enter it beside a truck, may both be ahead: the one whose rear bumper is nearer is the leader.
+    Of two at the same x the one later in the arrays counts as ahead. Two that are level in a lane, as when one is about
+    to enter it beside a truck, may both be ahead: the one whose rear bumper is nearer is the leader.
 
     Args:
         x: front bumpers [m], shape (n,).
