@@ -16,6 +16,8 @@ from sumo_hmdp.sim.routes import Routes
 _AMBER_DECEL, _AMBER_REACTION = 3.05, 1.0
 # The front bumper stops so far before the line, as SUMO's own vehicles do [m].
 _BEFORE_LINE = 1.0
+# Who cannot stop there any more stops so far before the line at least: tracking does not hold a place exactly [m].
+_SPARE = 0.1
 # Who has to leave a lane that ends stops so far before its end that it can start and change lanes before it: the way of
 # a lane change of 4 s from rest with 3 m/s2, as the ego's planner in town starts and changes lanes [m].
 _MERGING_ROOM = 0.5 * 3.0 * 4.0**2
@@ -108,7 +110,7 @@ def _stopping_place(ego: VehicleState, x_stop: float, told: Sequence[StopLine], 
     if ego.x <= place:
         return place
     before = [line.x for line in told if ego.x <= line.x <= x_stop]
-    return min([x_stop, *(before or [ego.x + _needed(ego.speed)])])
+    return min([max(ego.x, x_stop - _SPARE), *(before or [ego.x + _needed(ego.speed)])])
 
 
 def _in_lane(road: Road, ego: VehicleState, lane: int) -> bool:
