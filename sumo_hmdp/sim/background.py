@@ -130,7 +130,8 @@ class Background:
         self._levers = _LEVER * self._traits[0]
         self._every = max(1, round(settings.period / dt))
         count = len(self._spawns)
-        self._x, self._y, self._speed = (np.full(count, math.nan) for _ in range(3))
+        self._now = np.full((3, count), math.nan)
+        self._x, self._y, self._speed = self._now
         self._heading = np.zeros(count)
         self._has_course = np.zeros(count, dtype=bool)
         self._just_begun: list[int] = []
@@ -338,7 +339,7 @@ class Background:
         if gone:
             self._let_drive(self.active[~np.isin(self.active, gone)])
         rows, names, self._on_road = self.active, self._names, None
-        self._last = np.array([self._x, self._y, self._speed])
+        self._last = self._now.copy()
         try:
             places, speeds = self._getters.positions(names), self._getters.speeds(names)
         except self._sumo.TraCIException as error:
@@ -346,8 +347,8 @@ class Background:
         self._x[rows], self._y[rows], self._speed[rows] = places[:, 0], places[:, 1], speeds
         self._turn(rows, places)
         # SUMO answers for a vehicle that it has taken off with a large negative number.
-        wrong = ~np.isfinite(places[:, 0] + speeds) | (speeds < 0.0)
-        if wrong.any():
+        if len(rows) and not (math.isfinite(places.sum()) and speeds.min() >= 0.0):
+            wrong = ~np.isfinite(places.sum(axis=1)) | ~(speeds >= 0.0)
             name = names[int(np.flatnonzero(wrong)[0])]
             raise SimulationError(f"the state of {name} must be finite, got x = {places[wrong][0]} (t = {time:g} s).")
         self._settle_changes(rows, time)
