@@ -451,7 +451,7 @@ class Background:
         new = np.isnan(lateral_speed)
         if new.any():
             accel[new], lateral_speed[new] = 0.0, 0.0
-        columns = (x, y, speed, self._road.lanes_at(y), accel, self._heading[rows], lateral_speed)
+        columns = (x, y, speed, _lanes_at(self._road, y), accel, self._heading[rows], lateral_speed)
         spawns, cruise = self._spawns, Mode.CRUISE
         # Positional: twice as fast, and done for everybody in sight at every step.
         return [
@@ -484,6 +484,12 @@ def _other_lane(vehicle: VehicleState, road: Road) -> int:
     if vehicle.lane != own:
         return vehicle.lane
     return second_lane(vehicle, road) or 0
+
+
+def _lanes_at(road: Road, y: FloatArray) -> IntArray:
+    """Return `road.lane_at` of many y [m]."""
+    lanes = np.rint((road.lane_count + 1) / 2 - y / road.lane_width).astype(np.int64)
+    return np.minimum(np.maximum(lanes, 1), road.lane_count)
 
 
 def _lanes(lanes: Iterable[int]) -> IntArray:
