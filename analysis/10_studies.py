@@ -158,12 +158,14 @@ def main() -> None:
     parser.add_argument("--memory-runs", type=int, default=500)
     parser.add_argument("--store-runs", type=int, default=8100)
     given = parser.parse_args()
-    print("| what | measured |\n| --- | --- |")
     measures = (
         lambda: store_rows(given.store_runs),
         lambda: memory_rows(given.memory_runs),
         lambda: speed_rows(given.turns, given.runs),
     )
+    if given.turns < 1:
+        parser.error(f"--turns must be at least 1, got {given.turns}")
+    print("| what | measured |\n| --- | --- |")
     for measure in measures:
         for what, measured in measure():
             print(f"| {what} | {measured} |", flush=True)
