@@ -2,8 +2,10 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,3 +116,8 @@ def faulty(tmp_path):
     (info / "entry_points.txt").write_text("[sumo_hmdp.planners]\nfaulty = faulty_planners:FAULTY\n")
     paths = [str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+# A shell that starts the tests in the background has them, and so the commands that they start, ignore Ctrl-C.
+if threading.current_thread() is threading.main_thread():
+    signal.signal(signal.SIGINT, signal.default_int_handler)
