@@ -209,7 +209,8 @@ class Background:
         ahead = [one for one in in_lane if one[0] > rear]
         idm, admitted = spawn.idm, spawn
         if ahead:
-            x, length, lead_speed = min(ahead)
+            # Of two that are level, the one whose rear is nearer leads, as in `find_neighbours`.
+            x, length, lead_speed = min(ahead, key=lambda one: one[0] - one[1])
             admitted = replace(spawn, speed=min(spawn.speed, lead_speed))
             if x - length - spawn.x < idm.min_gap + admitted.speed * idm.time_gap:
                 return None

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.traffic.car_following import FloatArray, accel_behind, own_terms
 from sumo_hmdp.traffic.mobil import Vehicles
+from sumo_hmdp.traffic.neighbours import find_neighbours
 
 IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
@@ -151,12 +152,12 @@ def _behind_leaders(vehicles: Vehicles, rear: FloatArray, own: FloatArray, drive
     """Return how drivers accelerate behind the leaders in their own lanes [m/s2]."""
     if not len(driver):
         return np.empty(0)
-    lane, x = vehicles.lane[driver, None], vehicles.x[driver, None]
-    ahead = ((vehicles.lane == lane) | (vehicles.second_lane == lane)) & (vehicles.x > x)
-    place = np.where(ahead, vehicles.x, np.inf)
-    leader = place.argmin(axis=1)
-    gap = np.where(ahead.any(axis=1), rear[leader] - x[:, 0], np.inf)
-    return accel_behind(own[:, driver], gap, vehicles.speed[leader])
+    lane_count = int(max(vehicles.lane.max(), vehicles.second_lane.max()))
+    near = find_neighbours(vehicles.x, vehicles.lane, vehicles.second_lane, lane_count, vehicles.length)
+    leader = near.ahead[vehicles.lane[driver] - 1, driver]
+    # Its number is that of nobody where there is none.
+    gap = np.append(rear, np.inf)[leader] - vehicles.x[driver]
+    return accel_behind(own[:, driver], gap, np.append(vehicles.speed, 0.0)[leader])
 
 
 class Patience:

@@ -138,6 +138,19 @@ def test_newcomers_do_not_enter_in_the_ego(x):
     assert (speed, ego_x - 4.5 >= 2.0 + 1.5 * 20.0) == (20.0, True)
 
 
+def test_newcomers_are_no_faster_than_who_has_the_nearest_rear():
+    # The ego, about to enter the lane, is then level with a slower truck whose front is farther and rear nearer.
+    newcomer = Spawn("bg-a", 2, 0.0, 25.0, DriverKind.BACKGROUND, desired_speed=30.0, time=2.4)
+    ego = VehicleState("ego", x=40.0 - 2.4 * 20.0, y=4.0, speed=20.0, lane=2)
+    truck = Spawn("truck", 2, 46.0 - 2.4 * 15.0, 15.0, length=12.0)
+    with LibsumoWorld(run.settings(), ego, (newcomer, truck)) as world:
+        while "bg-a" not in (seen := {other.id: other for other in world.observe()}):
+            assert world.time < 3.0
+            ego = keeps(ego, 0)
+            world.advance(ego, {"truck": 15.0})
+    assert (seen["bg-a"].x, seen["bg-a"].speed) == (0.0, 15.0)
+
+
 def changes(trace):
     """Yield every change of lanes that is complete in a trace: id, first and last instant, y before and after."""
     for name in sorted(set().union(*trace)):

@@ -99,6 +99,14 @@ def test_who_is_held_back_more_by_its_own_leader_is_not_slower_out_of_courtesy()
     assert room([STANDS, car(29.0, 10.0), car(40.0, 10.0)], [2, 0, 0]) == {}
 
 
+def test_of_two_that_are_level_ahead_the_one_whose_rear_is_nearer_leads():
+    # A car about to enter the lane has its rear 12.5 m ahead, a truck, whose front is farther, 12 m: 0 - (12/12)^2 = -1
+    # is less than courtesy takes, -(62/63)^2 = -0.97. Behind the car alone it would be -(12/12.5)^2 = -0.92.
+    cars = [STANDS, car(29.0, 10.0), car(45.5, 10.0, 3, second=2), car(53.0, 10.0, length=12.0)]
+    assert room(cars, [2, 0, 0, 0]) == {}
+    assert list(room(cars[:3], [2, 0, 0])) == [1]
+
+
 def ask(x, speed, lane, ends, exists=(True, True, True), distance=50.0):
     there = Approach(np.array([x]), np.array([speed]), np.array([lane]), np.array([2.0]))
     return int(asked_lanes(CourtesyRule(distance=distance), there, np.array([ends]), np.array([exists]))[0])
@@ -158,7 +166,7 @@ def by_loops(cars, asked, willing, keep):
     result = {}
     for j, accel in chosen.items():
         ahead = [one for one in cars if cars[j].lane in (one.lane, one.second) and one.x > cars[j].x]
-        leader = min(ahead, key=lambda one: one.x, default=None)
+        leader = min(ahead, key=lambda one: one.x - one.length, default=None)
         gap, speed = (INF, 0.0) if leader is None else (leader.x - leader.length - cars[j].x, leader.speed)
         free = loops.idm(cars[j], gap, speed)
         if accel < free:
