@@ -29,6 +29,7 @@ from sumo_hmdp.scenario import crowd
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario, load_scenario
 from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.background import Background
+from sumo_hmdp.sim.bodies import Bodies
 from sumo_hmdp.sim.episode import TraceHash
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import BicycleMotion
@@ -46,7 +47,7 @@ PREDICT, SOLVE, TRACK, RECORD, REST = "prediction", "corridors and solving", "tr
 Stages = tuple[tuple[str, Any, str], ...]
 STAGES: Stages = (
     (STEP, libsumo, "simulationStep"),
-    (READ, Background, "read"),
+    (READ, Bodies, "read"),
     (READ, LibsumoWorld, "observe"),
     (READ, LibsumoWorld, "crossing"),
     (MOBIL, Background, "change_lanes"),

@@ -127,7 +127,7 @@ class LibsumoWorld:
         self._require_open()
         if self._background is None:
             return self._on_road
-        near = self._background.states(self._ego.x, self.settings.sight)
+        near = self._background.bodies.states(self._ego.x, self.settings.sight)
         return tuple(sorted((*self._on_road, *near), key=_name))
 
     def ego(self) -> VehicleState:
@@ -204,7 +204,7 @@ class LibsumoWorld:
         self._require_open()
         if self._background is None or not self._routes.needed:
             return ()
-        return tuple(sorted(self._background.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
+        return tuple(sorted(self._background.bodies.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
 
     def stop_lines(self, others: Iterable[VehicleState], told: Sequence[StopLine] = ()) -> tuple[StopLine, ...]:
         """Return the stop lines that are closed to the ego now.
@@ -237,7 +237,7 @@ class LibsumoWorld:
             SimulationError: the world is not open.
         """
         self._require_open()
-        return () if self._background is None else tuple(sorted(self._background.contacts))
+        return () if self._background is None else tuple(sorted(self._background.bodies.contacts))
 
     def sumo_contacts(self) -> tuple[tuple[str, str], ...]:
         """Return SUMO's own (collider, victim) pairs with the ego that are new since the last call, sorted.
@@ -286,7 +286,7 @@ class LibsumoWorld:
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
-        crowd = () if self._background is None or not self._waiting else self._background.states(ego.x, math.inf)
+        crowd = () if self._background is None or not self._waiting else self._background.bodies.states(ego.x, math.inf)
         present = (ego, *self._on_road, *crowd)
         due, self._waiting = checks.entering(self._waiting, present, self.step, self.settings)
         for spawn in due:
@@ -330,7 +330,7 @@ class LibsumoWorld:
 
     def _read(self) -> tuple[VehicleState, ...]:
         if self._background is not None:
-            self._background.read(self.time)
+            self._background.bodies.read(self.time)
         names = sorted(name for name in libsumo.vehicle.getIDList() if name in self._spawns) if self._spawns else []
         return tuple(_read_vehicle(self._spawns[name], self.settings.road) for name in names)
 
@@ -406,7 +406,7 @@ def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: f
                 background.change_lanes(step, ())
             background.make_room(())
             _simulate(time)
-            background.read(time)
+            background.bodies.read(time)
         # Who still waits for room enters as soon as there is some, but not at the start, where nobody looks for it.
         return tuple(
             replace(spawn, time=max(settings.dt, spawn.time - duration) if spawn.time > 0.0 else 0.0)

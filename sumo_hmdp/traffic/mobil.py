@@ -132,11 +132,15 @@ def choose_lanes(
     incentive = _incentives(scene, rule, vehicles.politeness, side, changer)
     if bias is not None:
         incentive = incentive + bias[changer, side]
+    wanted = np.flatnonzero(incentive > rule.threshold)
+    if not len(wanted):
+        return moves
     best = np.full((2, len(moves)), -np.inf)
-    best[side, changer] = incentive
-    wanted = best.max(axis=0) > rule.threshold
-    moves[wanted] = 2 * best.argmax(axis=0)[wanted] - 1
-    return _without_conflicts(scene, rule, moves, best.max(axis=0))
+    best[side[wanted], changer[wanted]] = incentive[wanted]
+    most = best.max(axis=0)
+    movers = np.flatnonzero(most > -np.inf)
+    moves[movers] = 2 * best[:, movers].argmax(axis=0) - 1
+    return _without_conflicts(scene, rule, moves, movers, most)
 
 
 def _candidates(vehicles: Vehicles, allowed: BoolArray, may_change: BoolArray) -> tuple[IntArray, IntArray]:
@@ -269,11 +273,12 @@ def _own_gain_without_passing(
     return gain
 
 
-def _without_conflicts(scene: _Scene, rule: LaneChangeRule, moves: IntArray, incentive: FloatArray) -> IntArray:
-    """Return the moves without those that would come too near to one with a larger incentive."""
-    movers = np.nonzero(moves)[0]
+def _without_conflicts(
+    scene: _Scene, rule: LaneChangeRule, moves: IntArray, movers: IntArray, incentive: FloatArray
+) -> IntArray:
+    """Return the moves of the movers without those that would come too near to one with a larger incentive."""
     target = scene.lane[movers] + moves[movers]
-    if len(np.unique(target)) == len(target):
+    if len(set(target.tolist())) == len(target):
         return moves
     ranking = np.argsort(-incentive[movers], kind="stable")
     movers, target = movers[ranking], target[ranking]

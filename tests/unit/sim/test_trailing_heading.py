@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sumo_hmdp.sim.background import trailing_heading
+from sumo_hmdp.sim.bodies import trailing_heading
 
 
 def fine(heading, course, distance, lever):
