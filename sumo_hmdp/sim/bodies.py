@@ -239,7 +239,7 @@ class Bodies:
         if math.isnan(change.sum()):
             change[:, np.isnan(change[1])] = 0.0
         (x, y, speed), (_, lateral_speed, accel) = now.tolist(), change.tolist()
-        lane, heading = self._lanes_at(now[1]).tolist(), self._heading.take(columns).tolist()
+        lane, heading = self._road.lanes_at(now[1]).tolist(), self._heading.take(columns).tolist()
         vehicles, cruise = self._vehicles, Mode.CRUISE
         # Positional: twice as fast, and done for everybody in sight at every step.
         return [
@@ -249,11 +249,6 @@ class Bodies:
                 x, y, speed, lane, accel, heading, lateral_speed, strict=True,
             )
         ]  # fmt: skip
-
-    def _lanes_at(self, y: FloatArray) -> IntArray:
-        """Return `road.lane_at` of many y [m]."""
-        lanes = np.rint((self._road.lane_count + 1) / 2 - y / self._road.lane_width).astype(np.int64)
-        return np.minimum(np.maximum(lanes, 1), self._road.lane_count)
 
     def _note_contacts(self, some: Columns) -> None:
         """Note vehicles that overlap: next to each other in a lane, or in either lane of a change."""

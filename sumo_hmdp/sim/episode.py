@@ -4,6 +4,7 @@ import hashlib
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 from sumo_hmdp.domain.maneuver import Mode
@@ -163,27 +164,26 @@ def run_episode(
         scene = observe_scene(settings, motion, world, carry, step)
         touching = contacts(scene.ego, (*scene.others, *world.crossing()))
         arrived = None if settings.goal_x is None else scene.ego.x >= settings.goal_x
-        moment = Moment(
+        moment = partial(
+            Moment,
             step=step,
             scene=scene,
-            decision=None,
             contacts=touching,
             sumo_contacts=sumo_contacts,
-            tracking=None,
             breaches=world.breaches(),
             background_contacts=len(world.background_contacts()),
             goal_reached=arrived,
         )
         decision = None
         if step == settings.steps or touching or arrived:
-            observe(moment)
+            observe(moment(decision=None, tracking=None))
             return
         if step % every == 0:
             decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
             require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, memory, scene)
         carry, speeds, tracking = drive(settings, motion, carry, scene)
-        observe(replace(moment, decision=decision, tracking=tracking))
+        observe(moment(decision=decision, tracking=tracking))
         poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
         world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
         carry = replace(carry, ego=motion.read(carry.ego, world.ego()))

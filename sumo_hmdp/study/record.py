@@ -11,7 +11,7 @@ import pandas as pd
 
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Decision
-from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.sim.episode import Moment, TraceHash
 
@@ -99,7 +99,7 @@ class Recorder:
     Attributes:
         run_id: the run's name.
         detailed: whether to write down what decisions rest on: branches, forbidden intervals, problems.
-        steps: rows of all vehicles, one value a column of `STEP_COLUMNS`.
+        scenes: everybody at every instant, with the number of its step.
         decisions: rows.
         documents: each decision's problem in its file form, None where the planner has none.
         contacts: descriptions of the ego's contacts.
@@ -114,7 +114,7 @@ class Recorder:
 
     run_id: str
     detailed: bool = True
-    steps: list[tuple[Any, ...]] = field(default_factory=list)
+    scenes: list[tuple[int, Scene]] = field(default_factory=list)
     decisions: list[dict[str, Any]] = field(default_factory=list)
     documents: list[str | None] = field(default_factory=list)
     contacts: list[str] = field(default_factory=list)
@@ -131,8 +131,7 @@ class Recorder:
         """Take one instant in."""
         self.trace.add(moment)
         scene = moment.scene
-        for vehicle in (scene.ego, *scene.others):
-            self.steps.append(self._step_row(moment.step, scene.time, vehicle, scene.road.lane_at(vehicle.y)))
+        self.scenes.append((moment.step, scene))
         if moment.decision is not None:
             self.decisions.append(self._decision_row(moment.decision, scene.ego))
             evidence = moment.decision.evidence
@@ -151,24 +150,36 @@ class Recorder:
 
     def step_table(self) -> pd.DataFrame:
         """Return the `steps` table with all vehicles."""
-        columns = zip(*self.steps, strict=True) if self.steps else ((),) * len(STEP_COLUMNS)
+        vehicles = [vehicle for _, scene in self.scenes for vehicle in (scene.ego, *scene.others)]
+        counts = [1 + len(scene.others) for _, scene in self.scenes]
+        y = np.array([vehicle.y for vehicle in vehicles], dtype=float)
+        columns: dict[str, Any] = {
+            "run_id": [self.run_id] * len(vehicles),
+            "step": np.repeat([step for step, _ in self.scenes], counts),
+            "time_s": np.repeat([scene.time for _, scene in self.scenes], counts),
+            "vehicle_id": [vehicle.id for vehicle in vehicles],
+            "x_m": [vehicle.x for vehicle in vehicles],
+            "y_m": y,
+            "heading_rad": [vehicle.heading for vehicle in vehicles],
+            "speed_mps": [vehicle.speed for vehicle in vehicles],
+            "accel_mps2": [vehicle.accel for vehicle in vehicles],
+            "lane": self.scenes[0][1].road.lanes_at(y) if vehicles else [],
+            "intended_lane": [vehicle.lane for vehicle in vehicles],
+            "mode": [_LABEL[vehicle.mode] for vehicle in vehicles],
+            "length_m": [vehicle.length for vehicle in vehicles],
+            "width_m": [vehicle.width for vehicle in vehicles],
+        }
         # Column by column: pandas would look at every value to find out its type.
         return pd.DataFrame(
             {
-                name: pd.array(values, dtype="str") if kind == "str" else np.array(values, dtype=kind)
-                for (name, kind), values in zip(STEP_COLUMNS.items(), columns, strict=True)
+                name: pd.array(columns[name], dtype="str") if kind == "str" else np.asarray(columns[name], dtype=kind)
+                for name, kind in STEP_COLUMNS.items()
             }
         )
 
     def decision_table(self) -> pd.DataFrame:
         """Return the `decisions` table."""
         return pd.DataFrame(self.decisions, columns=list(DECISION_COLUMNS)).astype(DECISION_COLUMNS)
-
-    def _step_row(self, step: int, time: float, vehicle: VehicleState, lane: int) -> tuple[Any, ...]:
-        return (
-            self.run_id, step, time, vehicle.id, vehicle.x, vehicle.y, vehicle.heading, vehicle.speed, vehicle.accel,
-            lane, vehicle.lane, _LABEL[vehicle.mode], vehicle.length, vehicle.width,
-        )  # fmt: skip
 
     def _decision_row(self, decision: Decision, ego: VehicleState) -> dict[str, Any]:
         evidence = decision.evidence if self.detailed else None

@@ -108,7 +108,7 @@ def execute(
     except KeyboardInterrupt:
         status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
     except Exception as error:  # whatever breaks a run must leave a record of it
-        if isinstance(error, InputError) and not recorder.steps:
+        if isinstance(error, InputError) and not recorder.scenes:
             raise
         text = " ".join(f"{type(error).__name__}: {error}".split())
         status, reason, trace = RunStatus.FAILED, text, traceback.format_exc()
