@@ -3,31 +3,30 @@
 from collections.abc import Callable
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
 from sumo_hmdp.metrics.registry import Better, Metric, RunData
 
 NAN = float("nan")
 
 
-def lane_changes(decisions: pd.DataFrame) -> pd.DataFrame:
-    """Return the decisions to change the lane."""
-    return decisions[decisions["lateral"] != "keep"]
-
-
 def status_share(status: str) -> Callable[[RunData], float]:
     """Return a function that computes the share of a status; a rule's decisions are neither optimal nor a departure."""
 
     def share(run: RunData) -> float:
-        statuses = run.decisions["status"][run.decisions["status"] != "rule"]
-        return float((statuses == status).mean()) if len(statuses) else NAN
+        planned = int((run.decisions["status"] != "rule").sum())
+        return int((run.decisions["status"] == status).sum()) / planned if planned else NAN
 
     return share
 
 
+def _changes(run: RunData) -> NDArray[np.bool_]:
+    return (run.decisions["lateral"] != "keep").to_numpy(dtype=bool)
+
+
 def _first_change(run: RunData) -> float:
-    changes = lane_changes(run.decisions)
-    return float(changes["time_s"].iloc[0]) if len(changes) else NAN
+    times = run.decisions["time_s"].to_numpy(dtype=np.float64)[_changes(run)]
+    return float(times[0]) if len(times) else NAN
 
 
 def _solve_time(quantile: float) -> Callable[[RunData], float]:
@@ -50,7 +49,7 @@ _PLANNED = "a decision is not a rule's"
 DECISIONS = (
     _metric(
         "lane_change_count", "lane changes", "", Better.NEITHER, "decisions to change the lane, aborts included",
-        "always", lambda run: float(len(lane_changes(run.decisions))),
+        "always", lambda run: float(_changes(run).sum()),
     ),
     _metric(
         "lane_change_first_s", "time of the first lane change", "s", Better.NEITHER,

@@ -11,6 +11,7 @@ from sumo_hmdp.domain.scene import EGO_ID
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
 
 MOTION = ("x_m", "y_m", "heading_rad", "speed_mps", "accel_mps2", "lane", "intended_lane", "length_m", "width_m")
 
@@ -104,25 +105,25 @@ def trace_of(steps: pd.DataFrame) -> Trace:
         steps: with all vehicles; instants without the ego are left out.
     """
     is_ego = (steps["vehicle_id"] == EGO_ID).to_numpy(dtype=bool)
-    time = np.unique(steps["time_s"].to_numpy(dtype=np.float64)[is_ego])
-    seen = steps[~is_ego & np.isin(steps["time_s"].to_numpy(dtype=np.float64), time)]
-    code, ids = pd.factorize(seen["vehicle_id"], sort=True)
+    times = steps["time_s"].to_numpy(dtype=np.float64)
+    time = np.unique(times[is_ego])
+    seen = ~is_ego & np.isin(times, time)
+    code, ids = pd.factorize(steps["vehicle_id"].array[seen], sort=True)
+    instant = np.searchsorted(time, times)
+    columns = [steps[name].to_numpy(dtype=np.float64) for name in MOTION]
+
+    def motion(rows: BoolArray, column: IntArray, count: int) -> Motion:
+        arrays = np.full((len(columns), len(time), count), np.nan)
+        for array, values in zip(arrays, columns, strict=True):
+            array[instant[rows], column] = values[rows]
+        return Motion(*arrays)
+
     return Trace(
         time=time,
-        ego=_motion(steps[is_ego], time, np.zeros(int(is_ego.sum()), dtype=np.int64), 1),
-        others=_motion(seen, time, np.asarray(code, dtype=np.int64), len(ids)),
+        ego=motion(is_ego, np.zeros(int(is_ego.sum()), dtype=np.int64), 1),
+        others=motion(seen, np.asarray(code, dtype=np.int64), len(ids)),
         ids=tuple(str(name) for name in ids),
     )
-
-
-def _motion(rows: pd.DataFrame, time: FloatArray, column: NDArray[np.int64], count: int) -> Motion:
-    place = np.searchsorted(time, rows["time_s"].to_numpy(dtype=np.float64)), column
-    arrays = []
-    for name in MOTION:
-        array = np.full((len(time), count), np.nan)
-        array[place] = rows[name].to_numpy(dtype=np.float64)
-        arrays.append(array)
-    return Motion(*arrays)
 
 
 def least(values: FloatArray) -> float:

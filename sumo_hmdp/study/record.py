@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -55,8 +56,19 @@ WALL_CLOCK_COLUMNS = (
     "wall_time_s",
 )
 
+_PANDAS_KINDS = ("str", "boolean")
 # A property of an enumeration is slow to ask for every vehicle at every instant.
 _LABEL = {mode: mode.label for mode in Mode}
+
+
+def _frame(columns: Mapping[str, Any], kinds: Mapping[str, str]) -> pd.DataFrame:
+    """Return a table of columns of given kinds; pandas would look at every value to find them out."""
+    return pd.DataFrame(
+        {
+            name: pd.array(columns[name], dtype=kind) if kind in _PANDAS_KINDS else np.asarray(columns[name], kind)
+            for name, kind in kinds.items()
+        }
+    )
 
 
 def timeless(frame: pd.DataFrame) -> pd.DataFrame:
@@ -169,17 +181,11 @@ class Recorder:
             "length_m": [vehicle.length for vehicle in vehicles],
             "width_m": [vehicle.width for vehicle in vehicles],
         }
-        # Column by column: pandas would look at every value to find out its type.
-        return pd.DataFrame(
-            {
-                name: pd.array(columns[name], dtype="str") if kind == "str" else np.asarray(columns[name], dtype=kind)
-                for name, kind in STEP_COLUMNS.items()
-            }
-        )
+        return _frame(columns, STEP_COLUMNS)
 
     def decision_table(self) -> pd.DataFrame:
         """Return the `decisions` table."""
-        return pd.DataFrame(self.decisions, columns=list(DECISION_COLUMNS)).astype(DECISION_COLUMNS)
+        return _frame({name: [row[name] for row in self.decisions] for name in DECISION_COLUMNS}, DECISION_COLUMNS)
 
     def _decision_row(self, decision: Decision, ego: VehicleState) -> dict[str, Any]:
         evidence = decision.evidence if self.detailed else None
