@@ -24,21 +24,18 @@ FloatArray = NDArray[np.float64]
 X, Y, HEADING, SPEED, STEERING, ACCEL = range(6)
 JERK, RATE = range(2)
 STATE_SIZE, INPUT_SIZE = 6, 2
-_IDENTITY = np.eye(STATE_SIZE)
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """z[k+1] = A[k] z[k] + B[k] u[k] + c[k] for the steps k = 0..N-1.
+    """z[k+1] = B[k] u[k] + A[k] z[k] + c[k] for the steps k = 0..N-1.
 
     Attributes:
-        A: shape (N, 6, 6).
-        B: shape (N, 6, 2).
+        F: [B A], which multiplies (u, z), shape (N, 6, 8).
         c: shape (N, 6).
     """
 
-    A: FloatArray
-    B: FloatArray
+    F: FloatArray
     c: FloatArray
 
 
@@ -88,52 +85,51 @@ def nominal_states(
 
 
 def transitions(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> Transitions:
-    """Linearise each step at a point and integrate it exactly over its duration, the input held.
+    """Linearise each step at a point and integrate it exactly over its duration h, the input held.
 
-    J, the derivative of z' by z, is nilpotent (J^4 = 0), so that its matrix exponential is a cubic.
+    J, the derivative of z' by z, is nilpotent (J^4 = 0), so exp(J h), which is A, and its integral, which gives B and
+    c, are polynomials in h; their entries are written out below. x and y are the parts of one complex number.
 
     Args:
         points: z in the middle of each step, shape (N, 6).
         parameters: of the vehicle.
         durations: of the steps [s], shape (N,).
     """
-    rates, J = _derivatives(points, parameters)
-    # J @ J and J @ J @ J, of which few entries are not zero.
-    J2, J3 = np.zeros_like(J), np.zeros_like(J)
-    J2[:, :HEADING, SPEED:ACCEL] = J[:, :HEADING, HEADING, None] * J[:, HEADING, None, SPEED:ACCEL]
-    J2[:, :SPEED, ACCEL] = J[:, :SPEED, SPEED]
-    J3[:, :HEADING, ACCEL] = J2[:, :HEADING, SPEED]
-    h = durations[:, None, None]
-    square, cube = h**2, h**3
-    A = _IDENTITY + h * J + square / 2 * J2 + cube / 6 * J3  # (N, 6, 6)
-    held = h * (_IDENTITY + h / 2 * J + square / 6 * J2 + cube / 24 * J3)  # (N, 6, 6), integral of exp(J t)
-    B = held[:, :, [ACCEL, STEERING]]  # (N, 6, 2), as jerk drives accel, and the rate the steering angle
-    c = np.einsum("kij,kj->ki", held, rates - np.einsum("kij,kj->ki", J, points))  # (N, 6)
-    return Transitions(A, B, c)
+    heading, speed, steering = points[:, HEADING], points[:, SPEED], points[:, STEERING]
+    lever, tan = parameters.rear_axle_to_front_bumper, np.tan(steering)
+    # Derivatives of heading', then of x' + i y'.
+    turn_by_speed = tan / parameters.wheelbase
+    turn_by_steering = speed * (1 + tan**2) / parameters.wheelbase
+    sideways = 1j * np.exp(1j * heading)  # where the bumper goes when the vehicle turns
+    by_speed = sideways * (lever * turn_by_speed - 1j)
+    by_heading = 1j * speed * by_speed
+    by_steering = lever * turn_by_steering * sideways
+    # Their entries of J^2.
+    by_speed_twice, by_steering_twice = by_heading * turn_by_speed, by_heading * turn_by_steering
 
+    h, square, cube = durations, durations**2 / 2, durations**3 / 6
+    jerk, rate, state = JERK, RATE, INPUT_SIZE
+    xy = np.zeros((len(points), INPUT_SIZE + STATE_SIZE), dtype=np.complex128)
+    xy[:, state + X], xy[:, state + Y] = 1.0, 1j
+    xy[:, state + HEADING] = h * by_heading
+    xy[:, state + SPEED] = h * by_speed + square * by_speed_twice
+    xy[:, state + STEERING] = h * by_steering + square * by_steering_twice
+    xy[:, state + ACCEL] = square * by_speed + cube * by_speed_twice
+    xy[:, jerk] = cube * (by_speed + h / 4 * by_speed_twice)
+    xy[:, rate] = square * by_steering + cube * by_steering_twice
+    F = np.zeros((len(points), STATE_SIZE, INPUT_SIZE + STATE_SIZE))
+    F[:, X], F[:, Y] = xy.real, xy.imag
+    F[:, HEADING, state + HEADING] = 1.0
+    F[:, HEADING, state + SPEED], F[:, HEADING, state + STEERING] = h * turn_by_speed, h * turn_by_steering
+    F[:, HEADING, state + ACCEL] = square * turn_by_speed
+    F[:, HEADING, jerk], F[:, HEADING, rate] = cube * turn_by_speed, square * turn_by_steering
+    F[:, SPEED, state + SPEED], F[:, SPEED, state + ACCEL], F[:, SPEED, jerk] = 1.0, h, square
+    F[:, STEERING, state + STEERING], F[:, STEERING, rate] = 1.0, h
+    F[:, ACCEL, state + ACCEL], F[:, ACCEL, jerk] = 1.0, h
 
-def _derivatives(points: FloatArray, parameters: BicycleParameters) -> tuple[FloatArray, FloatArray]:
-    """Return z' without input, shape (N, 6), and its derivative by z, shape (N, 6, 6)."""
-    heading, speed, steering, accel = (points[:, i] for i in (HEADING, SPEED, STEERING, ACCEL))
-    ratio = parameters.rear_axle_to_front_bumper / parameters.wheelbase
-    cos, sin, tan = np.cos(heading), np.sin(heading), np.tan(steering)
-    forward, sideways = cos - ratio * tan * sin, sin + ratio * tan * cos
-    tan_slope = 1 + tan**2
-    rates = np.zeros_like(points)
-    rates[:, X], rates[:, Y] = speed * forward, speed * sideways
-    rates[:, HEADING], rates[:, SPEED] = speed * tan / parameters.wheelbase, accel
-    J = np.zeros((len(points), STATE_SIZE, STATE_SIZE))
-    J[:, X, HEADING], J[:, X, SPEED], J[:, X, STEERING] = (
-        -speed * sideways,
-        forward,
-        -speed * ratio * sin * tan_slope,
-    )
-    J[:, Y, HEADING], J[:, Y, SPEED], J[:, Y, STEERING] = (
-        speed * forward,
-        sideways,
-        speed * ratio * cos * tan_slope,
-    )
-    J[:, HEADING, SPEED] = tan / parameters.wheelbase
-    J[:, HEADING, STEERING] = speed * tan_slope / parameters.wheelbase
-    J[:, SPEED, ACCEL] = 1.0
-    return rates, J
+    # z' - J z at the points, which is linear in speed and accel already.
+    turn = -turn_by_steering * steering
+    c_xy = h * (-by_heading * heading - by_steering * steering) + square * by_heading * turn
+    c = np.zeros(points.shape)
+    c[:, X], c[:, Y], c[:, HEADING] = c_xy.real, c_xy.imag, h * turn
+    return Transitions(F, c)
