@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 X, Y, HEADING, SPEED, STEERING, ACCEL = range(6)
 JERK, RATE = range(2)
 STATE_SIZE, INPUT_SIZE = 6, 2
+_UNMOVED = np.eye(STATE_SIZE, INPUT_SIZE + STATE_SIZE + 1, INPUT_SIZE)  # z of (u, z, 1)
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,18 @@ def nominal_states(
     bumper_speed = samples.speed / np.cos(samples.heading)
     mean_speed = (bumper_speed[:-1] + bumper_speed[1:]) / 2
     distances = mean_speed * durations / parameters.rear_axle_to_front_bumper
-    decays = np.exp(-distances)
-    shares = np.divide(-np.expm1(-distances), distances, out=np.ones_like(distances), where=distances > 0)
+    losses = -np.expm1(-distances)
+    shares = np.divide(losses, distances, out=np.ones_like(distances), where=distances > 0)
     turns = samples.heading[1:] - samples.heading[:-1]
     gear = parameters.wheelbase / parameters.rear_axle_to_front_bumper
     max_slip = math.atan(math.tan(parameters.max_steering_angle) / gear)
     # Numbers of Python: NumPy's are slow one by one.
     slip = min(max(float(samples.heading[0]) - state.heading, -max_slip), max_slip)
     followed = [slip]
-    for decay, turned in zip(decays.tolist(), (turns * shares).tolist(), strict=True):
-        slip = min(max(slip * decay + turned, -max_slip), max_slip)
+    for loss, turned in zip(losses.tolist(), (turns * shares).tolist(), strict=True):
+        slip += turned - slip * loss
+        if abs(slip) > max_slip:
+            slip = math.copysign(max_slip, slip)
         followed.append(slip)
     slips = np.array(followed)
     z = np.empty((len(slips), STATE_SIZE))
@@ -85,51 +88,39 @@ def nominal_states(
 
 
 def transitions(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> Transitions:
-    """Linearise each step at a point and integrate it exactly over its duration h, the input held.
+    """Linearise each step at a point and integrate it exactly over its duration, the input held.
 
-    J, the derivative of z' by z, is nilpotent (J^4 = 0), so exp(J h), which is A, and its integral, which gives B and
-    c, are polynomials in h; their entries are written out below. x and y are the parts of one complex number.
+    With w = (u, z, 1), z' = M w, and T what M has for z, z after a time h is z + M h w + T M h^2 w / 2 + ... As
+    T^3 M has the last terms (jerk drives accel, speed, heading, x), that is the whole series.
 
     Args:
         points: z in the middle of each step, shape (N, 6).
         parameters: of the vehicle.
         durations: of the steps [s], shape (N,).
     """
+    Mh = _derivatives(points, parameters, durations)  # (N, 6, 9)
+    Th = Mh[:, :, INPUT_SIZE:-1]
+    second = Th @ Mh
+    third = Th @ second
+    after = _UNMOVED + Mh + 0.5 * second + (1 / 6) * third + (1 / 24) * (Th @ third)
+    return Transitions(after[:, :, :-1], after[:, :, -1])
+
+
+def _derivatives(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> FloatArray:
+    """Return h times the matrix M of z' = M (u, z, 1) at each point, shape (N, 6, 9), h the durations."""
     heading, speed, steering = points[:, HEADING], points[:, SPEED], points[:, STEERING]
-    lever, tan = parameters.rear_axle_to_front_bumper, np.tan(steering)
-    # Derivatives of heading', then of x' + i y'.
-    turn_by_speed = tan / parameters.wheelbase
-    turn_by_steering = speed * (1 + tan**2) / parameters.wheelbase
-    sideways = 1j * np.exp(1j * heading)  # where the bumper goes when the vehicle turns
-    by_speed = sideways * (lever * turn_by_speed - 1j)
-    by_heading = 1j * speed * by_speed
-    by_steering = lever * turn_by_steering * sideways
-    # Their entries of J^2.
-    by_speed_twice, by_steering_twice = by_heading * turn_by_speed, by_heading * turn_by_steering
-
-    h, square, cube = durations, durations**2 / 2, durations**3 / 6
-    jerk, rate, state = JERK, RATE, INPUT_SIZE
-    xy = np.zeros((len(points), INPUT_SIZE + STATE_SIZE), dtype=np.complex128)
-    xy[:, state + X], xy[:, state + Y] = 1.0, 1j
-    xy[:, state + HEADING] = h * by_heading
-    xy[:, state + SPEED] = h * by_speed + square * by_speed_twice
-    xy[:, state + STEERING] = h * by_steering + square * by_steering_twice
-    xy[:, state + ACCEL] = square * by_speed + cube * by_speed_twice
-    xy[:, jerk] = cube * (by_speed + h / 4 * by_speed_twice)
-    xy[:, rate] = square * by_steering + cube * by_steering_twice
-    F = np.zeros((len(points), STATE_SIZE, INPUT_SIZE + STATE_SIZE))
-    F[:, X], F[:, Y] = xy.real, xy.imag
-    F[:, HEADING, state + HEADING] = 1.0
-    F[:, HEADING, state + SPEED], F[:, HEADING, state + STEERING] = h * turn_by_speed, h * turn_by_steering
-    F[:, HEADING, state + ACCEL] = square * turn_by_speed
-    F[:, HEADING, jerk], F[:, HEADING, rate] = cube * turn_by_speed, square * turn_by_steering
-    F[:, SPEED, state + SPEED], F[:, SPEED, state + ACCEL], F[:, SPEED, jerk] = 1.0, h, square
-    F[:, STEERING, state + STEERING], F[:, STEERING, rate] = 1.0, h
-    F[:, ACCEL, state + ACCEL], F[:, ACCEL, jerk] = 1.0, h
-
-    # z' - J z at the points, which is linear in speed and accel already.
-    turn = -turn_by_steering * steering
-    c_xy = h * (-by_heading * heading - by_steering * steering) + square * by_heading * turn
-    c = np.zeros(points.shape)
-    c[:, X], c[:, Y], c[:, HEADING] = c_xy.real, c_xy.imag, h * turn
-    return Transitions(F, c)
+    lever, h = parameters.rear_axle_to_front_bumper, durations
+    cos, sin, tan = np.cos(heading), np.sin(heading), np.tan(steering)
+    gear = h / parameters.wheelbase
+    turn, turn_by_steering = gear * tan, gear * speed * (1 + tan * tan)  # of the heading, by speed and steering angle
+    side, swing = lever * turn, lever * turn_by_steering
+    forward, sideways = h * cos - side * sin, h * sin + side * cos
+    M = np.zeros((STATE_SIZE, INPUT_SIZE + STATE_SIZE + 1, len(points)))
+    by_input, by_state, constant = M[:, :INPUT_SIZE], M[:, INPUT_SIZE:], M[:, -1]
+    by_state[X, HEADING], by_state[X, SPEED], by_state[X, STEERING] = -speed * sideways, forward, -swing * sin
+    by_state[Y, HEADING], by_state[Y, SPEED], by_state[Y, STEERING] = speed * forward, sideways, swing * cos
+    by_state[HEADING, SPEED], by_state[HEADING, STEERING] = turn, turn_by_steering
+    by_state[SPEED, ACCEL] = by_input[STEERING, RATE] = by_input[ACCEL, JERK] = h
+    # z' is linear in speed and accel, so nothing is left of it but what heading and steering angle add.
+    constant[:SPEED] = -by_state[:SPEED, HEADING] * heading - by_state[:SPEED, STEERING] * steering
+    return np.ascontiguousarray(M.transpose(2, 0, 1))

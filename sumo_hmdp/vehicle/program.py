@@ -68,6 +68,7 @@ class TrackingProgram:
         self._state_units = self._units[INPUT_SIZE:]
         self._ratios = self._units / self._state_units[:, None]
         self._durations = durations[:, None]
+        self._costs = sp.diags_array(np.repeat(durations, STAGE_SIZE), format="csc")
         self._inverse = 1 / self._durations
         # D^-1 of what each step starts from, (u[k], z[k]); z[0] is no unknown.
         self._before = np.repeat(self._inverse, STAGE_SIZE, axis=1)
@@ -142,7 +143,7 @@ class TrackingProgram:
         solver.settings.max_iter = self._max_iterations
         solver.settings.eps_duality_gap_abs = solver.settings.eps_duality_gap_rel = DUALITY_GAP
         solver.setup(
-            sp.diags_array(np.repeat(self._durations, STAGE_SIZE), format="csc"),
+            self._costs,
             -(self._durations * targets).ravel(),
             sp.csc_array(dynamics.reshape(right.size, targets.size)),
             right.ravel(),

@@ -167,3 +167,11 @@ def test_contradicting_bounds_are_reported():
 
     assert not got.solved
     assert "infeasible" in got.status
+
+
+def test_a_number_that_is_none_is_never_called_solved():
+    moves, start, targets = example()
+    targets[3, 1] = np.nan
+    free = np.full((STEPS, 5), np.inf)
+
+    assert not solve(moves, start, targets, -free, free).solved
