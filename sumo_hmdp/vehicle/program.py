@@ -114,7 +114,9 @@ class TrackingProgram:
         blocks[:-1, :, STATE_SIZE:] = -weighted[1:, :, INPUT_SIZE:].transpose(0, 2, 1)
         band = blocks.ravel().take(self._band_order).T
         missing = z[1:] - np.matvec(F[:, :, INPUT_SIZE:], z[:-1]) - c
-        _, m, _ = lapack.dpbsv(band, missing.ravel(), lower=1, overwrite_ab=1, overwrite_b=1)
+        _, m, failed = lapack.dpbsv(band, missing.ravel(), lower=1, overwrite_ab=1, overwrite_b=1)
+        if failed:  # numbers that are not finite, or far out of scale
+            return np.full((steps, STAGE_SIZE), np.nan)  # which keeps no bound
         m = m.reshape(steps, STATE_SIZE)
         pull: FloatArray = np.vecmat(m, F)  # (N, 8): B^T m and A^T m
         pull[:-1, INPUT_SIZE:] = pull[1:, INPUT_SIZE:] - m[:-1]

@@ -96,7 +96,7 @@ class TrackingMpc:
         horizon_steps: int,
         dt: float,
         *,
-        max_iterations: int = 4000,
+        max_iterations: int = 250,
     ) -> None:
         """Set up the program.
 
