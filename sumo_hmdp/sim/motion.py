@@ -11,7 +11,6 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.vehicle import bicycle, point_mass
 from sumo_hmdp.vehicle.bicycle import BicycleParameters, BicycleState
 from sumo_hmdp.vehicle.point_mass import PointMass
-from sumo_hmdp.vehicle.program import WarmStart
 from sumo_hmdp.vehicle.reference import Reference, follow
 from sumo_hmdp.vehicle.tracking import TrackingInfo, TrackingMpc, TrackingWeights
 
@@ -65,11 +64,10 @@ class Motion(Protocol[State]):
 
 @dataclass(frozen=True)
 class TrackedBicycle:
-    """A bicycle, what it follows, and where the next tracking program begins to search."""
+    """A bicycle and what it follows."""
 
     vehicle: BicycleState
     reference: Reference | None = None
-    warm_start: WarmStart | None = None
 
 
 @dataclass(frozen=True)
@@ -112,9 +110,9 @@ class BicycleMotion:
     def move(self, state: TrackedBicycle, time: float) -> tuple[TrackedBicycle, TrackingInfo]:
         """Track the reference over one step."""
         assert state.reference is not None  # noqa: S101 - a decision is due at step 0
-        controls, warm_start, info = self.tracker.control(state.vehicle, state.reference, time, state.warm_start)
+        controls, info = self.tracker.control(state.vehicle, state.reference, time)
         vehicle = bicycle.advance(state.vehicle, controls, self.tracker.parameters, self.tracker.dt)
-        return replace(state, vehicle=vehicle, warm_start=warm_start), info
+        return replace(state, vehicle=vehicle), info
 
     def read(self, state: TrackedBicycle, ego: VehicleState) -> TrackedBicycle:
         """Return the state: the world has the ego where it was told to."""

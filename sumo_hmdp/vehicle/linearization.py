@@ -24,21 +24,19 @@ FloatArray = NDArray[np.float64]
 X, Y, HEADING, SPEED, STEERING, ACCEL = range(6)
 JERK, RATE = range(2)
 STATE_SIZE, INPUT_SIZE = 6, 2
-_IDENTITY = np.eye(STATE_SIZE)
+_UNMOVED = np.eye(STATE_SIZE, INPUT_SIZE + STATE_SIZE + 1, INPUT_SIZE)  # z of (u, z, 1)
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """z[k+1] = A[k] z[k] + B[k] u[k] + c[k] for the steps k = 0..N-1.
+    """z[k+1] = B[k] u[k] + A[k] z[k] + c[k] for the steps k = 0..N-1.
 
     Attributes:
-        A: shape (N, 6, 6).
-        B: shape (N, 6, 2).
+        F: [B A], which multiplies (u, z), shape (N, 6, 8).
         c: shape (N, 6).
     """
 
-    A: FloatArray
-    B: FloatArray
+    F: FloatArray
     c: FloatArray
 
 
@@ -68,16 +66,18 @@ def nominal_states(
     bumper_speed = samples.speed / np.cos(samples.heading)
     mean_speed = (bumper_speed[:-1] + bumper_speed[1:]) / 2
     distances = mean_speed * durations / parameters.rear_axle_to_front_bumper
-    decays = np.exp(-distances)
-    shares = np.divide(-np.expm1(-distances), distances, out=np.ones_like(distances), where=distances > 0)
+    losses = -np.expm1(-distances)
+    shares = np.divide(losses, distances, out=np.ones_like(distances), where=distances > 0)
     turns = samples.heading[1:] - samples.heading[:-1]
     gear = parameters.wheelbase / parameters.rear_axle_to_front_bumper
     max_slip = math.atan(math.tan(parameters.max_steering_angle) / gear)
     # Numbers of Python: NumPy's are slow one by one.
     slip = min(max(float(samples.heading[0]) - state.heading, -max_slip), max_slip)
     followed = [slip]
-    for decay, turned in zip(decays.tolist(), (turns * shares).tolist(), strict=True):
-        slip = min(max(slip * decay + turned, -max_slip), max_slip)
+    for loss, turned in zip(losses.tolist(), (turns * shares).tolist(), strict=True):
+        slip += turned - slip * loss
+        if abs(slip) > max_slip:
+            slip = math.copysign(max_slip, slip)
         followed.append(slip)
     slips = np.array(followed)
     z = np.empty((len(slips), STATE_SIZE))
@@ -90,50 +90,37 @@ def nominal_states(
 def transitions(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> Transitions:
     """Linearise each step at a point and integrate it exactly over its duration, the input held.
 
-    J, the derivative of z' by z, is nilpotent (J^4 = 0), so that its matrix exponential is a cubic.
+    With w = (u, z, 1), z' = M w, and T what M has for z, z after a time h is z + M h w + T M h^2 w / 2 + ... As
+    T^3 M has the last terms (jerk drives accel, speed, heading, x), that is the whole series.
 
     Args:
         points: z in the middle of each step, shape (N, 6).
         parameters: of the vehicle.
         durations: of the steps [s], shape (N,).
     """
-    rates, J = _derivatives(points, parameters)
-    # J @ J and J @ J @ J, of which few entries are not zero.
-    J2, J3 = np.zeros_like(J), np.zeros_like(J)
-    J2[:, :HEADING, SPEED:ACCEL] = J[:, :HEADING, HEADING, None] * J[:, HEADING, None, SPEED:ACCEL]
-    J2[:, :SPEED, ACCEL] = J[:, :SPEED, SPEED]
-    J3[:, :HEADING, ACCEL] = J2[:, :HEADING, SPEED]
-    h = durations[:, None, None]
-    square, cube = h**2, h**3
-    A = _IDENTITY + h * J + square / 2 * J2 + cube / 6 * J3  # (N, 6, 6)
-    held = h * (_IDENTITY + h / 2 * J + square / 6 * J2 + cube / 24 * J3)  # (N, 6, 6), integral of exp(J t)
-    B = held[:, :, [ACCEL, STEERING]]  # (N, 6, 2), as jerk drives accel, and the rate the steering angle
-    c = np.einsum("kij,kj->ki", held, rates - np.einsum("kij,kj->ki", J, points))  # (N, 6)
-    return Transitions(A, B, c)
+    Mh = _derivatives(points, parameters, durations)  # (N, 6, 9)
+    Th = Mh[:, :, INPUT_SIZE:-1]
+    second = Th @ Mh
+    third = Th @ second
+    after = _UNMOVED + Mh + 0.5 * second + (1 / 6) * third + (1 / 24) * (Th @ third)
+    return Transitions(after[:, :, :-1], after[:, :, -1])
 
 
-def _derivatives(points: FloatArray, parameters: BicycleParameters) -> tuple[FloatArray, FloatArray]:
-    """Return z' without input, shape (N, 6), and its derivative by z, shape (N, 6, 6)."""
-    heading, speed, steering, accel = (points[:, i] for i in (HEADING, SPEED, STEERING, ACCEL))
-    ratio = parameters.rear_axle_to_front_bumper / parameters.wheelbase
+def _derivatives(points: FloatArray, parameters: BicycleParameters, durations: FloatArray) -> FloatArray:
+    """Return h times the matrix M of z' = M (u, z, 1) at each point, shape (N, 6, 9), h the durations."""
+    heading, speed, steering = points[:, HEADING], points[:, SPEED], points[:, STEERING]
+    lever, h = parameters.rear_axle_to_front_bumper, durations
     cos, sin, tan = np.cos(heading), np.sin(heading), np.tan(steering)
-    forward, sideways = cos - ratio * tan * sin, sin + ratio * tan * cos
-    tan_slope = 1 + tan**2
-    rates = np.zeros_like(points)
-    rates[:, X], rates[:, Y] = speed * forward, speed * sideways
-    rates[:, HEADING], rates[:, SPEED] = speed * tan / parameters.wheelbase, accel
-    J = np.zeros((len(points), STATE_SIZE, STATE_SIZE))
-    J[:, X, HEADING], J[:, X, SPEED], J[:, X, STEERING] = (
-        -speed * sideways,
-        forward,
-        -speed * ratio * sin * tan_slope,
-    )
-    J[:, Y, HEADING], J[:, Y, SPEED], J[:, Y, STEERING] = (
-        speed * forward,
-        sideways,
-        speed * ratio * cos * tan_slope,
-    )
-    J[:, HEADING, SPEED] = tan / parameters.wheelbase
-    J[:, HEADING, STEERING] = speed * tan_slope / parameters.wheelbase
-    J[:, SPEED, ACCEL] = 1.0
-    return rates, J
+    gear = h / parameters.wheelbase
+    turn, turn_by_steering = gear * tan, gear * speed * (1 + tan * tan)  # of the heading, by speed and steering angle
+    side, swing = lever * turn, lever * turn_by_steering
+    forward, sideways = h * cos - side * sin, h * sin + side * cos
+    M = np.zeros((STATE_SIZE, INPUT_SIZE + STATE_SIZE + 1, len(points)))
+    by_input, by_state, constant = M[:, :INPUT_SIZE], M[:, INPUT_SIZE:], M[:, -1]
+    by_state[X, HEADING], by_state[X, SPEED], by_state[X, STEERING] = -speed * sideways, forward, -swing * sin
+    by_state[Y, HEADING], by_state[Y, SPEED], by_state[Y, STEERING] = speed * forward, sideways, swing * cos
+    by_state[HEADING, SPEED], by_state[HEADING, STEERING] = turn, turn_by_steering
+    by_state[SPEED, ACCEL] = by_input[STEERING, RATE] = by_input[ACCEL, JERK] = h
+    # z' is linear in speed and accel, so nothing is left of it but what heading and steering angle add.
+    constant[:SPEED] = -by_state[:SPEED, HEADING] * heading - by_state[:SPEED, STEERING] * steering
+    return np.ascontiguousarray(M.transpose(2, 0, 1))

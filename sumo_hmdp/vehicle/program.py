@@ -1,4 +1,4 @@
-"""The quadratic program of the tracking MPC, with fixed sparsity and a solver without memory.
+"""The quadratic program of the tracking MPC: in closed form where no bound is met, else by an interior-point solver.
 
 Unknowns, for the steps k = 0..N-1: the inputs u[k] and the states z[k+1] of `linearization.py`, each divided by its
 unit, which is the deviation that costs one a second. Objective: the sum of duration * (unknown - target)^2 / 2.
@@ -6,97 +6,55 @@ Rows, first the dynamics, then the bounds:
 
     -B[k] u[k] - A[k] z[k] + z[k+1] = c[k]                                     (6 rows a step; z[0] is known)
     lower[k] <= (jerk, steering_rate, speed, steering_angle, accel) <= upper[k]    (5 rows a step)
+
+With w the unknowns, t their targets, D the durations as a diagonal and C w = b the dynamics, the optimum without
+bounds is w = t - D^-1 C^T m, where the multipliers m solve S m = C t - b, S = C D^-1 C^T. S is positive definite with
+blocks of 6 x 6 on three diagonals, so m takes one banded Cholesky. The program is strictly convex: where this w keeps
+the bounds, it is the one optimum with them, too.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import osqp
+import piqp
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
-from sumo_hmdp.vehicle.linearization import (
-    ACCEL,
-    INPUT_SIZE,
-    SPEED,
-    STATE_SIZE,
-    STEERING,
-    Transitions,
-    X,
-)
+from sumo_hmdp.vehicle.linearization import ACCEL, INPUT_SIZE, SPEED, STATE_SIZE, STEERING, Transitions
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 STAGE_SIZE = INPUT_SIZE + STATE_SIZE
 BOUNDED = np.array([0, 1, INPUT_SIZE + SPEED, INPUT_SIZE + STEERING, INPUT_SIZE + ACCEL])
-BOUND_SIZE = len(BOUNDED)
+# Entries of a column of S from the diagonal downwards.
+BAND = 2 * STATE_SIZE
 
-# With it and the start of `_following` most solutions take 5 to 20 iterations, and rho need not be adapted.
-START_RHO = 0.3
-SETTINGS: dict[str, Any] = {
-    # The units scale well enough, and the solver's own scaling carries round-off from one solution to the next.
-    "scaling": 0,
-    "rho": START_RHO,
-    "adaptive_rho": 1,  # by iterations, never by time
-    "adaptive_rho_interval": 20,
-    "check_termination": 5,
-    "eps_abs": 1e-5,
-    "eps_rel": 1e-5,
-    "polishing": True,
-    "verbose": False,
-}
-
-# Entries of A[k] and B[k] that can differ from zero.
-A_PATTERN = np.array(
-    [
-        [1, 0, 1, 1, 1, 1],
-        [0, 1, 1, 1, 1, 1],
-        [0, 0, 1, 1, 1, 1],
-        [0, 0, 0, 1, 0, 1],
-        [0, 0, 0, 0, 1, 0],
-        [0, 0, 0, 0, 0, 1],
-    ],
-    dtype=bool,
-)
-B_PATTERN = np.array([[1, 1], [1, 1], [1, 1], [1, 0], [0, 1], [1, 0]], dtype=bool)
-
-
-@dataclass(frozen=True, eq=False)
-class WarmStart:
-    """Where the solver begins.
-
-    Attributes:
-        unknowns: in their units, shape (8 N,).
-        multipliers: of the rows, shape (11 N,).
-    """
-
-    unknowns: FloatArray
-    multipliers: FloatArray
+# Of the solver, on the objective. With its own 1e-8 accelerations came out 6e-4 m/s2 beside the optimum; this takes
+# one iteration more.
+DUALITY_GAP = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The solver's answer.
+    """The optimum, or why there is none.
 
     Attributes:
         solved: to the tolerances.
         status: in the solver's words.
-        iterations: it took.
+        iterations: of the solver; zero for the closed form.
         inputs: jerk [m/s3] and steering rate [rad/s], shape (N, 2); without meaning unless solved.
-        warm_start: for the solution one step later; None unless solved.
     """
 
     solved: bool
     status: str
     iterations: int
     inputs: FloatArray
-    warm_start: WarmStart | None
 
 
 class TrackingProgram:
-    """The program for N steps, set up once; `solve` replaces all of its numbers and leaves no trace."""
+    """The program for N steps; `solve` takes all that changes and leaves no trace."""
 
     def __init__(self, costs: FloatArray, durations: FloatArray, max_iterations: int) -> None:
         """Set up.
@@ -106,130 +64,104 @@ class TrackingProgram:
             durations: of the steps [s], shape (N,).
             max_iterations: after which the solver gives up.
         """
-        self.steps = steps = len(durations)
         self._units = 1 / np.sqrt(costs)
-        self._input_units, self._state_units = np.split(self._units, [INPUT_SIZE])
-        self._equal_steps = bool((durations == durations[0]).all())
-        self._adapted = False
-        self._costs = np.repeat(durations / durations[-1], STAGE_SIZE)
-        self._cold = WarmStart(np.zeros(steps * STAGE_SIZE), np.zeros(steps * (STATE_SIZE + BOUND_SIZE)))
-        matrix, self._order = _constraint_pattern(steps)
-        self._ones = np.ones(steps * (STATE_SIZE + BOUND_SIZE))
-        self._solver = osqp.OSQP()
-        self._solver.setup(
-            sp.csc_matrix(sp.diags_array(self._costs)),
-            np.zeros(matrix.shape[1]),
-            matrix,
-            np.zeros(matrix.shape[0]),
-            np.zeros(matrix.shape[0]),
-            max_iter=max_iterations,
-            **SETTINGS,
-        )
+        self._state_units = self._units[INPUT_SIZE:]
+        self._ratios = self._units / self._state_units[:, None]
+        self._durations = durations[:, None]
+        self._costs = sp.diags_array(np.repeat(durations, STAGE_SIZE), format="csc")
+        self._inverse = 1 / self._durations
+        # D^-1 of what each step starts from, (u[k], z[k]); z[0] is no unknown.
+        self._before = np.repeat(self._inverse, STAGE_SIZE, axis=1)
+        self._before[1:, INPUT_SIZE:] = self._inverse[:-1]
+        self._before[0, INPUT_SIZE:] = 0.0
+        self._band_order = _band_order(len(durations))
+        self._max_iterations = max_iterations
 
     def solve(
-        self,
-        transitions: Transitions,
-        start: FloatArray,
-        targets: FloatArray,
-        bounds: tuple[FloatArray, FloatArray],
-        warm_start: WarmStart | None,
+        self, transitions: Transitions, start: FloatArray, targets: FloatArray, bounds: tuple[FloatArray, FloatArray]
     ) -> Solution:
-        """Solve with new numbers.
+        """Return the optimum.
 
         Args:
             transitions: of the N steps.
             start: z[0], shape (6,).
             targets: z[1..N] aimed at, shape (N, 6); the inputs aim at zero.
             bounds: lower and upper, each of shape (N, 5), in SI units.
-            warm_start: where to begin, None for zeros.
         """
-        aims = np.zeros((self.steps, STAGE_SIZE))
-        aims[:, INPUT_SIZE:] = targets / self._state_units
-        offsets = transitions.c.copy()
-        offsets[0] += transitions.A[0] @ start
-        dynamics = (offsets / self._state_units).ravel()
-        lower, upper = ((bound / self._units[BOUNDED]).ravel() for bound in bounds)
-        begin = warm_start or self._cold
-        self._solver.update(
-            q=-self._costs * aims.ravel(),
-            l=np.concatenate((dynamics, lower)),
-            u=np.concatenate((dynamics, upper)),
-            Ax=self._matrix_data(transitions),
+        F = transitions.F * self._ratios  # (N, 6, 8)
+        c = transitions.c / self._state_units
+        z = np.concatenate([start[None], targets]) / self._state_units  # (N + 1, 6)
+        unknowns = self._free_optimum(F, c, z) * self._units
+        bounded = unknowns[:, BOUNDED]
+        lower, upper = bounds
+        if ((lower <= bounded) & (bounded <= upper)).all():
+            return Solution(solved=True, status="solved", iterations=0, inputs=unknowns[:, :INPUT_SIZE])
+        return self._bounded_optimum(F, c, z, bounds)
+
+    def _free_optimum(self, F: FloatArray, c: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the unknowns, shape (N, 8), that are best without bounds; all in units.
+
+        Args:
+            F: [B A] of the steps, shape (N, 6, 8).
+            c: shape (N, 6).
+            z: z[0] as it is and z[1..N] as aimed at, shape (N + 1, 6).
+        """
+        steps = len(c)
+        weighted = F * self._before[:, None, :]
+        blocks = np.zeros((steps, STATE_SIZE, BAND))  # of each column of S: the diagonal block and the one below
+        np.matmul(weighted, F.transpose(0, 2, 1), out=blocks[:, :, :STATE_SIZE])
+        blocks.reshape(steps, -1)[:, : STATE_SIZE * BAND : BAND + 1] += self._inverse
+        blocks[:-1, :, STATE_SIZE:] = -weighted[1:, :, INPUT_SIZE:].transpose(0, 2, 1)
+        band = blocks.ravel().take(self._band_order).T
+        missing = z[1:] - np.matvec(F[:, :, INPUT_SIZE:], z[:-1]) - c
+        _, m, failed = lapack.dpbsv(band, missing.ravel(), lower=1, overwrite_ab=1, overwrite_b=1)
+        if failed:  # numbers that are not finite, or far out of scale
+            return np.full((steps, STAGE_SIZE), np.nan)  # which keeps no bound
+        m = m.reshape(steps, STATE_SIZE)
+        pull: FloatArray = np.vecmat(m, F)  # (N, 8): B^T m and A^T m
+        pull[:-1, INPUT_SIZE:] = pull[1:, INPUT_SIZE:] - m[:-1]
+        pull[-1, INPUT_SIZE:] = -m[-1]
+        pull *= self._inverse
+        pull[:, INPUT_SIZE:] += z[1:]
+        return pull
+
+    def _bounded_optimum(
+        self, F: FloatArray, c: FloatArray, z: FloatArray, bounds: tuple[FloatArray, FloatArray]
+    ) -> Solution:
+        """Solve with the bounds, of shape (N, 5) in SI units; the rest as in `_free_optimum`."""
+        steps = len(c)
+        k = np.arange(steps)
+        dynamics = np.zeros((steps, STATE_SIZE, steps, STAGE_SIZE))
+        dynamics[k, :, k, :INPUT_SIZE] = -F[:, :, :INPUT_SIZE]
+        dynamics[k[1:], :, k[:-1], INPUT_SIZE:] = -F[1:, :, INPUT_SIZE:]
+        dynamics[k, :, k, INPUT_SIZE:] = np.eye(STATE_SIZE)
+        right = c.copy()
+        right[0] += F[0, :, INPUT_SIZE:] @ z[0]
+        targets = np.zeros((steps, STAGE_SIZE))
+        targets[:, INPUT_SIZE:] = z[1:]
+        lower, upper = np.full(targets.shape, -np.inf), np.full(targets.shape, np.inf)
+        lower[:, BOUNDED], upper[:, BOUNDED] = (bound / self._units[BOUNDED] for bound in bounds)
+        solver = piqp.SparseSolver()
+        solver.settings.max_iter = self._max_iterations
+        solver.settings.eps_duality_gap_abs = solver.settings.eps_duality_gap_rel = DUALITY_GAP
+        solver.setup(
+            self._costs,
+            -(self._durations * targets).ravel(),
+            sp.csc_array(dynamics.reshape(right.size, targets.size)),
+            right.ravel(),
+            x_l=lower.ravel(),
+            x_u=upper.ravel(),
         )
-        if self._adapted:
-            # The solver adapts rho during a solution: every one starts from the same.
-            self._solver.update_settings(rho=START_RHO)
-        self._solver.warm_start(x=begin.unknowns, y=begin.multipliers)
-        result = self._solver.solve(raise_error=False)
-        solved = result.info.status_val == osqp.SolverStatus.OSQP_SOLVED
-        self._adapted = result.info.rho_updates > 0
-        unknowns = np.array(result.x).reshape(self.steps, STAGE_SIZE)
-        inputs = unknowns[:, :INPUT_SIZE] * self._input_units
-        following = self._following(unknowns, np.array(result.y)) if solved else None
-        return Solution(solved, str(result.info.status), int(result.info.iter), inputs, following)
-
-    def _following(self, unknowns: FloatArray, multipliers: FloatArray) -> WarmStart:
-        """Return what is likely to solve the program one step later, in which x counts from the front bumper then.
-
-        Where all steps are equal that is the rest of the solution, its last step repeated. Where the first one is
-        shorter the steps of the next program lie nearly as far ahead of the vehicle as these.
-        """
-        if not self._equal_steps:
-            return WarmStart(unknowns.ravel(), multipliers)
-        later = _without_first(unknowns)
-        x = INPUT_SIZE + X
-        if self.steps > 1:
-            later[-1, x] += unknowns[-1, x] - unknowns[-2, x]
-        later[:, x] -= unknowns[0, x]
-        dynamics, bounds = multipliers[: self.steps * STATE_SIZE], multipliers[self.steps * STATE_SIZE :]
-        rest = [_without_first(part.reshape(self.steps, -1)).ravel() for part in (dynamics, bounds)]
-        return WarmStart(later.ravel(), np.concatenate(rest))
-
-    def _matrix_data(self, transitions: Transitions) -> FloatArray:
-        """Return the entries of the constraint matrix in the solver's order."""
-        B = transitions.B * self._input_units / self._state_units[:, None]
-        A = transitions.A[1:] * self._state_units / self._state_units[:, None]
-        return np.concatenate([-B.ravel(), -A.ravel(), self._ones]).take(self._order)
+        status = solver.solve()
+        inputs = solver.result.x.reshape(targets.shape)[:, :INPUT_SIZE] * self._units[:INPUT_SIZE]
+        words = status.name.removeprefix("PIQP_").lower().replace("_", " ")
+        return Solution(status == piqp.PIQP_SOLVED, words, solver.result.info.iter, inputs)
 
 
-def _without_first(rows: FloatArray) -> FloatArray:
-    """Return rows 1.., the last one twice."""
-    return np.concatenate([rows[1:], rows[-1:]])
-
-
-def _constraint_pattern(steps: int) -> tuple[sp.csc_matrix, IntArray]:
-    """Return the constraint matrix with ones in its pattern, and where each of its data comes from.
-
-    Its data are counted as in `_matrix_data`: B of all steps, A of all but the first, the unit entries of the next
-    states, the unit entries of the bounds. Entries of B and A that are always zero are counted, but in no place.
-    """
-    k = np.arange(steps)[:, None]
-    b_row, b_column = np.nonzero(B_PATTERN)
-    a_row, a_column = np.nonzero(A_PATTERN)
-    state, bound = np.arange(STATE_SIZE), np.arange(BOUND_SIZE)
-    rows = (
-        STATE_SIZE * k + b_row,
-        STATE_SIZE * k[1:] + a_row,
-        STATE_SIZE * k + state,
-        STATE_SIZE * steps + BOUND_SIZE * k + bound,
-    )
-    columns = (
-        STAGE_SIZE * k + b_column,
-        STAGE_SIZE * k[:-1] + INPUT_SIZE + a_column,
-        STAGE_SIZE * k + INPUT_SIZE + state,
-        STAGE_SIZE * k + BOUNDED,
-    )
-    b_count, a_count = steps * STATE_SIZE * INPUT_SIZE, (steps - 1) * STATE_SIZE**2
-    numbers = (
-        STATE_SIZE * INPUT_SIZE * k + INPUT_SIZE * b_row + b_column,
-        b_count + STATE_SIZE**2 * k[:-1] + STATE_SIZE * a_row + a_column,
-        b_count + a_count + np.arange(steps * (STATE_SIZE + BOUND_SIZE)),
-    )
-    row, column, number = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns, numbers))
-    shape = (steps * (STATE_SIZE + BOUND_SIZE), steps * STAGE_SIZE)
-    # Numbered from 1, as an entry of zero would be none.
-    numbered = sp.csc_matrix((number + 1.0, (row, column)), shape=shape)
-    numbered.sort_indices()
-    order = numbered.data.astype(np.intp) - 1
-    numbered.data[:] = 1.0
-    return numbered, order
+def _band_order(steps: int) -> IntArray:
+    """Return where in the blocks of `_free_optimum` the lower band of S is, shape (6 N, 12), a row a column of S."""
+    k, column, down = np.ogrid[:steps, :STATE_SIZE, :BAND]
+    row = column + down
+    place = (STATE_SIZE * k + column) * BAND + row
+    nothing = steps * STATE_SIZE * BAND - 1  # below the last step there is none
+    return np.where(row < BAND, place, nothing).reshape(-1, BAND)

@@ -138,26 +138,37 @@ def sample(reference: Reference, times: ArrayLike) -> ReferenceSamples:
         reference: of the front bumper.
         times: [s], any shape; those before its beginning count as its beginning.
     """
-    t = np.maximum(np.asarray(times, dtype=np.float64) - reference.time, 0.0)
+    t = _since(reference, times)
     free_speed = reference.speed + reference.accel * t
-    speed = np.minimum(np.maximum(free_speed, 0.0), reference.top_speed)
-    y, y_by_clock = reference.lateral.at(clock_at(reference, times))
+    top_speed = reference.top_speed
+    speed = np.minimum(np.maximum(free_speed, 0.0), top_speed)
+    y, y_by_clock = reference.lateral.at(_clock(reference, t))
     # The clock runs at speed / max(speed, CRAWL_SPEED), so dy/dx needs no division by the speed.
     slope = y_by_clock / np.maximum(speed, CRAWL_SPEED)
-    moving = (free_speed > 0) & (free_speed < reference.top_speed)
-    starting = (t == 0) & (reference.accel > 0) & (reference.speed < reference.top_speed)
+    moving = (free_speed > 0) & (free_speed < top_speed)
+    if reference.accel > 0 and reference.speed < top_speed:
+        moving |= t == 0
     return ReferenceSamples(
-        x=reference.x + _ramp_integral(reference.speed, reference.accel, reference.top_speed, t),
+        x=reference.x + _ramp_integral(reference.speed, reference.accel, top_speed, t),
         y=y,
         heading=np.arctan(slope),
         speed=speed,
-        accel=np.where(moving | starting, reference.accel, 0.0),
+        accel=np.where(moving, reference.accel, 0.0),
     )
 
 
 def clock_at(reference: Reference, times: ArrayLike) -> FloatArray:
     """Return the clock of the lane change at some times [s]: clock' = min(1, speed / CRAWL_SPEED)."""
-    t = np.maximum(np.asarray(times, dtype=np.float64) - reference.time, 0.0)
+    return _clock(reference, _since(reference, times))
+
+
+def _since(reference: Reference, times: ArrayLike) -> FloatArray:
+    """Return the times from the beginning of the reference on [s]; none is before it."""
+    return np.maximum(np.asarray(times, dtype=np.float64) - reference.time, 0.0)
+
+
+def _clock(reference: Reference, t: FloatArray) -> FloatArray:
+    """Return the clock t after the beginning of the reference [s]."""
     top_speed = min(reference.top_speed, CRAWL_SPEED)
     return reference.clock + _ramp_integral(reference.speed, reference.accel, top_speed, t) / CRAWL_SPEED
 
@@ -167,9 +178,11 @@ def _ramp_integral(start: float, slope: float, upper: float, t: FloatArray) -> F
 
     The ramp lasts from first to last; besides it the integrand is `upper`, or zero after a fall to zero.
     """
-    if slope == 0:
+    if slope == 0 or (slope > 0 and start >= upper):
         return np.asarray(t * min(start, upper))
     to_upper, to_zero = (upper - start) / slope, -start / slope
+    if slope < 0 and to_upper >= t.max():
+        return np.asarray(t * upper)
     ramp_from, ramp_to = (to_upper, to_zero) if slope < 0 else (0.0, to_upper)
     first, last = np.minimum(max(ramp_from, 0.0), t), np.minimum(max(ramp_to, 0.0), t)
     at_upper = first if slope < 0 else t - last

@@ -29,7 +29,7 @@ from sumo_hmdp.vehicle.linearization import (
     tracked_state,
     transitions,
 )
-from sumo_hmdp.vehicle.program import TrackingProgram, WarmStart
+from sumo_hmdp.vehicle.program import TrackingProgram
 from sumo_hmdp.vehicle.reference import Reference, sample
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +74,7 @@ class TrackingInfo:
     Attributes:
         solved: whether the program was solved; if not, the controls are the safe ones.
         status: in the solver's words, or `standing` where nothing was to be solved.
-        iterations: of the solver.
+        iterations: of the solver; zero where no bound was met and the optimum has a closed form.
         x_error: of the front bumper now, vehicle minus reference [m].
         y_error: the same across the road [m].
     """
@@ -96,7 +96,7 @@ class TrackingMpc:
         horizon_steps: int,
         dt: float,
         *,
-        max_iterations: int = 4000,
+        max_iterations: int = 250,
     ) -> None:
         """Set up the program.
 
@@ -130,9 +130,7 @@ class TrackingMpc:
         self._limits = np.tile(lower, (N, 1)), np.tile(upper, (N, 1))
         self._program = TrackingProgram(np.array(astuple(weights)), self._durations, max_iterations)
 
-    def control(
-        self, state: BicycleState, reference: Reference, time: float, warm_start: WarmStart | None
-    ) -> tuple[Controls, WarmStart | None, TrackingInfo]:
+    def control(self, state: BicycleState, reference: Reference, time: float) -> tuple[Controls, TrackingInfo]:
         """Return the controls for the next dt.
 
         A vehicle that stands while the reference stands too is held, without controls. When the solver finds
@@ -142,10 +140,9 @@ class TrackingMpc:
             state: of the vehicle now.
             reference: of its front bumper.
             time: now [s].
-            warm_start: what the step before returned, None for the first step.
 
         Returns:
-            The controls, where the next step should begin to search, and how they came about.
+            The controls, and how they came about.
         """
         samples = sample(reference, time + self._instants)
         now = tracked_state(state, self.parameters)
@@ -154,7 +151,6 @@ class TrackingMpc:
         if state.speed == 0 and not samples.speed.any():
             return (
                 Controls(0.0, 0.0),
-                None,
                 TrackingInfo(solved=True, status="standing", iterations=0, x_error=x_error, y_error=y_error),
             )
         # x counts from the front bumper, which keeps the numbers of the program small.
@@ -163,7 +159,7 @@ class TrackingMpc:
         points = targets.copy()
         points[:, SPEED] = self._within_reach(state.speed, targets[:, SPEED])
         steps = transitions((points[:-1] + points[1:]) / 2, self.parameters, self._durations)
-        solution = self._program.solve(steps, now, targets[1:], self._bounds(state), warm_start)
+        solution = self._program.solve(steps, now, targets[1:], self._bounds(state))
         if solution.solved:
             controls = _clipped(solution.inputs[0, 0], solution.inputs[0, 1], self.parameters)
         else:
@@ -171,7 +167,7 @@ class TrackingMpc:
                 state, float(targets[1, ACCEL]), float(targets[1, STEERING]), self.parameters, self.dt
             )
         info = TrackingInfo(solution.solved, solution.status, solution.iterations, x_error, y_error)
-        return controls, solution.warm_start, info
+        return controls, info
 
     def _within_reach(self, speed: float, targets: FloatArray) -> FloatArray:
         """Return the speeds to linearise at, shape (N + 1,): the targets, as far as accel can bring them about.

@@ -45,7 +45,7 @@ def drive() -> Callable[..., Drive]:
         parameters, road = BicycleParameters(), Road(lane_count=2, lane_width=4.0)
         tracker = TrackingMpc(parameters, TrackingWeights(), horizon_steps=15, dt=dt)
         state = start or from_front_bumper(0.0, -2.0, 0.0, speed, parameters)
-        reference = warm_start = None
+        reference = None
         rows = []
         for step in range(round(duration / dt)):
             time = step * dt
@@ -54,7 +54,7 @@ def drive() -> Callable[..., Drive]:
                 reference = follow(
                     command, state, parameters, reference, road=road, time=time, lane_change_time=lane_change_time
                 )
-            controls, warm_start, info = tracker.control(state, reference, time, warm_start)
+            controls, info = tracker.control(state, reference, time)
             state = advance(state, controls, parameters, dt)
             x, y = front_bumper(state, parameters)
             aim = sample(reference, time + dt)

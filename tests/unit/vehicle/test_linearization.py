@@ -21,7 +21,7 @@ STATES = [
 def one_step(state: BicycleState, controls: Controls, point: np.ndarray, dt: float) -> np.ndarray:
     step = transitions(point[None, :], PARAMETERS, np.array([dt]))
     inputs = np.array([controls.jerk, controls.steering_rate])
-    return step.A[0] @ tracked_state(state, PARAMETERS) + step.B[0] @ inputs + step.c[0]
+    return step.F[0] @ np.concatenate([inputs, tracked_state(state, PARAMETERS)]) + step.c[0]
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -56,7 +56,7 @@ def test_the_derivatives_are_those_of_the_bicycle(state):
     columns = range(6) if state.speed > 0 else (0, 1, 2, 4)
     for column in columns:
         numeric = (bumper_after(column, tiny) - bumper_after(column, -tiny)) / (2 * tiny)
-        np.testing.assert_allclose(step.A[0][:, column], numeric, atol=2e-5)
+        np.testing.assert_allclose(step.F[0][:, 2 + column], numeric, atol=2e-5)
 
 
 def test_the_heading_trails_the_bumper_like_a_trailer_its_hitch():
