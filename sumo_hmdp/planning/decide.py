@@ -19,7 +19,7 @@ from sumo_hmdp.planning.cost import objective
 from sumo_hmdp.planning.distance import clearance_to, counted
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
-from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
+from sumo_hmdp.planning.occupancy import lanes_along, occupied_lanes
 from sumo_hmdp.planning.optimiser import DeadlineError, best_sequence, least_violation
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.risk import margins
@@ -254,6 +254,27 @@ def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverS
     )
 
 
+def missing_distances(
+    problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Compare a plan with all branches, whichever lanes they are in.
+
+    Returns:
+        Whether the ego is ahead of each branch at each step, and the metres that are missing to their distance, not
+        above 0 where it is kept; (B, H) both.
+    """
+    x, speed = np.array([step.x for step in plan]), np.array([step.speed for step in plan])
+    ahead = x > branches.x
+    safe = clearance_to(problem, branches.length[:, None], branches.speed, margin, speed)
+    return ahead, np.where(ahead, safe.ahead, safe.behind) - np.abs(x - branches.x)
+
+
+def lanes_shared(problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches) -> NDArray[np.bool_]:
+    """Tell which branches take up any lane that the ego does, at each step of a plan, (B, H)."""
+    own = lanes_along(problem, tuple(step.lateral for step in plan))
+    return np.asarray((occupied_lanes(problem, branches) & own).any(axis=2))
+
+
 def shortfalls(
     problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
 ) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
@@ -263,16 +284,13 @@ def shortfalls(
         Step index k, rows of the branches, whether the ego is ahead of each, and the metres that are missing, not
         above 0 where the distance is kept.
     """
-    occupied = occupied_lanes(problem, branches)
-    sweep = sweep_steps(problem)
-    state = start_state(problem)
-    for k, step in enumerate(plan):
-        state = state.after(step.lateral, sweep)
-        rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
-        x = branches.x[rows, k]
-        ahead = step.x > x
-        safe = clearance_to(problem, branches.length[rows], branches.speed[rows, k], margin[rows, k], step.speed)
-        yield k, rows, ahead, np.where(ahead, safe.ahead, safe.behind) - np.abs(step.x - x)
+    if not plan:
+        return
+    ahead, missing = missing_distances(problem, plan, branches, margin)
+    shared = lanes_shared(problem, plan, branches)
+    for k in range(len(plan)):
+        rows = np.flatnonzero(shared[:, k])
+        yield k, rows, ahead[rows, k], missing[rows, k]
 
 
 def violation_of(

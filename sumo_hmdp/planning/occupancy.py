@@ -10,7 +10,7 @@ from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over, body_lanes
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lateral_means
+from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lane_change_means, lane_changing
 from sumo_hmdp.planning.problem import DecisionProblem
 
 
@@ -133,9 +133,31 @@ def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.b
 def _occupied_lanes(
     branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings
 ) -> NDArray[np.bool_]:
-    occupied: NDArray[np.bool_] = branches.lanes[:, :, None] == np.arange(1, road.lane_count + 1)
+    # The lanes come first, and last only in the end: NumPy is slow over a last axis as short as theirs.
+    occupied: NDArray[np.bool_] = np.arange(1, road.lane_count + 1)[:, None, None] == branches.lanes.T
     if occupancy is Occupancy.SWEPT:
-        widths = np.array([v.state.width for v in branches.vehicles])[branches.vehicle]
-        occupied |= bodies_over(road, lateral_means(branches, road, prediction), widths[:, None])
+        vehicles = [v.state for v in branches.vehicles]
+        y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
+        rows = lane_changing(branches)
+        changing = occupied[:, :, rows]
+        occupied |= bodies_over(road, y, widths).T.take(branches.vehicle, axis=1)[:, None]
+        if len(rows):
+            means = lane_change_means(branches, rows, road, prediction)
+            occupied[:, :, rows] = changing | bodies_over(road, means, widths[branches.vehicle[rows], None]).T
     occupied.flags.writeable = False
-    return occupied
+    return occupied.T
+
+
+def lanes_along(problem: DecisionProblem, laterals: tuple[Lateral, ...]) -> NDArray[np.bool_]:
+    """Tell which lanes the ego takes up at the end of each step of a sequence of lateral actions, (H, lanes)."""
+    return _lanes_along(start_state(problem), laterals, sweep_steps(problem), problem.road.lane_count)
+
+
+@lru_cache(maxsize=256)
+def _lanes_along(state: LaneState, laterals: tuple[Lateral, ...], sweep: int, lane_count: int) -> NDArray[np.bool_]:
+    own = np.zeros((len(laterals), lane_count), dtype=bool)
+    for lanes, lateral in zip(own, laterals, strict=True):
+        state = state.after(lateral, sweep)
+        lanes[[lane - 1 for lane in state.occupied]] = True
+    own.flags.writeable = False
+    return own

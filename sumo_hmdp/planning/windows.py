@@ -113,7 +113,7 @@ class Stretch:
 
     def of_rows(self, rows: IntArray) -> "Stretch":
         """Return those of some rows."""
-        return Stretch(self.low[rows], self.high[rows])
+        return Stretch(self.low.T.take(rows, axis=1).T, self.high.T.take(rows, axis=1).T)
 
 
 @dataclass(frozen=True)
@@ -169,13 +169,11 @@ class Traffic:
     Attributes:
         vehicle: (n,) whose they are.
         occupied: (n, H, lanes) which lanes they take up.
-        x: (n, H) [m].
         stretches: hard and soft stretch that each takes up, by the ego's speed.
     """
 
     vehicle: IntArray
     occupied: BoolArray
-    x: FloatArray
     stretches: dict[float, tuple[Stretch, Stretch]]
 
     @classmethod
@@ -198,9 +196,8 @@ class Traffic:
             stretches[speed] = hard, soft
         rows = _in_reach(problem, lattice, branches, [soft for _, soft in stretches.values()])
         return cls(
-            branches.vehicle[rows],
-            occupied_lanes(problem, branches)[rows],
-            branches.x[rows],
+            branches.vehicle.take(rows),
+            occupied_lanes(problem, branches).T.take(rows, axis=2).T,
             {
                 speed: (hard.of_rows(rows),) * 2 if hard is soft else (hard.of_rows(rows), soft.of_rows(rows))
                 for speed, (hard, soft) in stretches.items()
