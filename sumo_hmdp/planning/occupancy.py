@@ -14,7 +14,7 @@ from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lane
 from sumo_hmdp.planning.problem import DecisionProblem
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaneStep:
     """The lane states that the ego can be in at the end of one step, S of them, and how it gets there.
 
@@ -25,18 +25,14 @@ class LaneStep:
         lane: (S,) the lane that each intends.
         occupied: (U, lanes) which lanes each footprint covers.
         footprint: (S,) index of each state's footprint in `occupied`.
-        before: (M,) of each pair of footprints between which there is a move, the index of the one a step before.
-        after: (M,) of each such pair, the index of the one in `occupied`.
-        move: (S one step before, S) number of the pair of the move between two states, -1 where there is none.
+        move: (S one step before, S) whether there is a move between two states.
     """
 
     states: tuple[LaneState, ...]
     lane: IntArray
     occupied: NDArray[np.bool_]
     footprint: IntArray
-    before: IntArray
-    after: IntArray
-    move: IntArray
+    move: NDArray[np.bool_]
 
 
 def _lane_change(problem: DecisionProblem) -> LaneChange:
@@ -96,20 +92,14 @@ def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int
     occupied = np.zeros((len(distinct), lane_count), dtype=bool)
     for row, lanes in zip(occupied, distinct, strict=True):
         row[[lane - 1 for lane in lanes]] = True
-    number = {state: index for index, state in enumerate(after)}
     footprint = np.array([distinct.index(lanes) for lanes in footprints], dtype=np.int64)
     states = () if before is None else before.states
-    move = np.full((len(states), len(after)), -1, dtype=np.int64)
-    pairs: dict[tuple[int, int], int] = {}
-    for i, state in enumerate(states):
-        for following in (state.after(lateral, sweep) for lateral in Lateral):
-            if before is not None and following in number:
-                j = number[following]
-                pair = int(before.footprint[i]), int(footprint[j])
-                move[i, j] = pairs.setdefault(pair, len(pairs))
-    ends = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
+    move = np.zeros((len(states), len(after)), dtype=bool)
+    for row, state in zip(move, states, strict=True):
+        following = {state.after(lateral, sweep) for lateral in Lateral}
+        row[:] = [other in following for other in after]
     lane = np.array([state.lane for state in after], dtype=np.int64)
-    return LaneStep(after, lane, occupied, footprint, ends[:, 0], ends[:, 1], move)
+    return LaneStep(after, lane, occupied, footprint, move)
 
 
 def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]:
