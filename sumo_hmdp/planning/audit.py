@@ -177,7 +177,10 @@ def _traffic_breach(problem: DecisionProblem, answer: Answer, plan: tuple[PlanSt
     shared = lanes_shared(problem, plan, branches)
     missing = np.where(shared, missing, 0.0)
     is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
-    at_first = is_ahead[branches.vehicle], shares_lane(problem, answer.corridors.states[0][0])[branches.vehicle]
+    at_first = (
+        is_ahead[branches.vehicle],
+        shares_lane(problem, branches, answer.corridors.states[0][0])[branches.vehicle],
+    )
     ahead, shared = (np.vstack([first, later.T]) for first, later in zip(at_first, (ahead, shared), strict=True))
     passes = shared[:-1] & shared[1:] & (ahead[:-1] != ahead[1:])
     breached = passes.any(axis=1) | (missing.max(axis=0, initial=0.0) > DISTANCE_TOLERANCE)

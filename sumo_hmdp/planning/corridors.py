@@ -134,7 +134,7 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         for k in range(lattice.steps)
         for level, reach in levels[k].items()
     ]
-    windows = [traffic.start(problem, lanes[0]), *traffic.windows(lattice, places)]
+    windows = [traffic.start(problem, branches, lanes[0]), *traffic.windows(lattice, places)]
     stages = [
         _stage(before, after, step, levelled=levelled)
         for (before, after), step in zip(pairwise(windows), lanes[1:], strict=True)

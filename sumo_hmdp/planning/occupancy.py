@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,40 +103,49 @@ def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int
     return LaneStep(after, lane, occupied, footprint, move)
 
 
-def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]:
+class _Occupied(NamedTuple):
+    """Which lanes are taken up.
+
+    Attributes:
+        now: (V, lanes) by each vehicle.
+        later: (B, H, lanes) by each branch at the end of each step.
+    """
+
+    now: NDArray[np.bool_]
+    later: NDArray[np.bool_]
+
+
+def shares_lane(problem: DecisionProblem, branches: Branches, state: LaneState) -> NDArray[np.bool_]:
     """Tell which vehicles take up any lane of a lane state now, shape (V,)."""
-    vehicles = [v.state for v in problem.vehicles]
-    lanes = np.array(state.occupied)
-    shares: NDArray[np.bool_] = np.array([v.lane for v in vehicles], dtype=np.int64)[:, None] == lanes
-    if problem.settings.occupancy is Occupancy.SWEPT:
-        y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
-        shares = shares | bodies_over(problem.road, y, widths)[:, lanes - 1]
-    return np.asarray(shares.any(axis=1))
+    now = _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).now
+    return np.asarray(now[:, [lane - 1 for lane in state.occupied]].any(axis=1))
 
 
 def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
     """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes); not to be written to."""
-    return _occupied_lanes(branches, problem.road, problem.settings.occupancy, problem.settings.prediction())
+    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).later
 
 
 # Everybody who works on one decision asks for it.
 @lru_cache(maxsize=4)
-def _occupied_lanes(
-    branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings
-) -> NDArray[np.bool_]:
+def _occupied(branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings) -> _Occupied:
+    vehicles = [v.state for v in branches.vehicles]
     # The lanes come first, and last only in the end: NumPy is slow over a last axis as short as theirs.
-    occupied: NDArray[np.bool_] = np.arange(1, road.lane_count + 1)[:, None, None] == branches.lanes.T
+    lanes = np.arange(1, road.lane_count + 1)[:, None]
+    now: NDArray[np.bool_] = lanes == np.array([v.lane for v in vehicles], dtype=np.int64)
+    later: NDArray[np.bool_] = lanes[:, :, None] == branches.lanes.T
     if occupancy is Occupancy.SWEPT:
-        vehicles = [v.state for v in branches.vehicles]
         y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
+        over = bodies_over(road, y, widths).T
+        now |= over
         rows = lane_changing(branches)
-        changing = occupied[:, :, rows]
-        occupied |= bodies_over(road, y, widths).T.take(branches.vehicle, axis=1)[:, None]
+        changing = later[:, :, rows]
+        later |= over.take(branches.vehicle, axis=1)[:, None]
         if len(rows):
             means = lane_change_means(branches, rows, road, prediction)
-            occupied[:, :, rows] = changing | bodies_over(road, means, widths[branches.vehicle[rows], None]).T
-    occupied.flags.writeable = False
-    return occupied.T
+            later[:, :, rows] = changing | bodies_over(road, means, widths[branches.vehicle[rows], None]).T
+    now.flags.writeable = later.flags.writeable = False
+    return _Occupied(now.T, later.T)
 
 
 def lanes_along(problem: DecisionProblem, laterals: tuple[Lateral, ...]) -> NDArray[np.bool_]:

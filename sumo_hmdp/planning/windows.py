@@ -219,9 +219,9 @@ class Traffic:
             },
         )
 
-    def start(self, problem: DecisionProblem, lanes: LaneStep) -> Windows:
+    def start(self, problem: DecisionProblem, branches: Branches, lanes: LaneStep) -> Windows:
         """Describe step 0 like a step with a single window, where the ego is."""
-        shares = shares_lane(problem, lanes.states[0])[self.vehicle]
+        shares = shares_lane(problem, branches, lanes.states[0])[self.vehicle]
         is_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[self.vehicle]
         behind, ahead = ((shares & side)[None].astype(np.float32) for side in (~is_ahead, is_ahead))
         zero = np.zeros(1, dtype=np.int64)
@@ -244,7 +244,9 @@ class Traffic:
         merged = merge(
             _of_steps([s.low for s in hard], ks), _of_steps([s.high for s in hard], ks), member, layout.layer
         )
-        state, gap = np.nonzero(merged.first.take(layout.state_row, axis=0))
+        # Flat: that is much faster than np.nonzero in two dimensions.
+        begins = merged.first.take(layout.state_row, axis=0)
+        state, gap = np.divmod(np.flatnonzero(begins), begins.shape[1])
         row, at = layout.state_row[state], layout.state_layer[state]
         ends = np.empty((4, len(state)))
         ends[0], ends[1] = merged.reach[row, gap], merged.low[at, gap]
