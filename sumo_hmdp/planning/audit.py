@@ -181,7 +181,9 @@ def _traffic_breach(problem: DecisionProblem, answer: Answer, plan: tuple[PlanSt
         is_ahead[branches.vehicle],
         shares_lane(problem, branches, answer.corridors.states[0][0])[branches.vehicle],
     )
-    ahead, shared = (np.vstack([first, later.T]) for first, later in zip(at_first, (ahead, shared), strict=True))
+    ahead, shared = (
+        np.concatenate([first[None], later.T]) for first, later in zip(at_first, (ahead, shared), strict=True)
+    )
     passes = shared[:-1] & shared[1:] & (ahead[:-1] != ahead[1:])
     breached = passes.any(axis=1) | (missing.max(axis=0, initial=0.0) > DISTANCE_TOLERANCE)
     k = int(breached.argmax())

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -239,13 +240,13 @@ def _require_agreement(problem: DecisionProblem, first: Answer, second: Answer) 
 def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:
     """Return where a sequence of maneuvers leads."""
     motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
-    lanes = problem.ego.lane + np.cumsum(np.array(sequence.laterals, dtype=int))
+    lanes = list(accumulate(sequence.laterals, initial=problem.ego.lane))
     return tuple(
         PlanStep(
             step=k + 1,
             lateral=sequence.laterals[k],
             mode=sequence.modes[k],
-            lane=int(lanes[k]),
+            lane=lanes[k + 1],
             x=lattice.position_at(k + 1, motion.point),
             # A speed limit of zero is met up to rounding.
             speed=max(0.0, motion.speed),
@@ -272,7 +273,7 @@ def missing_distances(
 def lanes_shared(problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches) -> NDArray[np.bool_]:
     """Tell which branches take up any lane that the ego does, at each step of a plan, (B, H)."""
     own = lanes_along(problem, tuple(step.lateral for step in plan))
-    return np.asarray((occupied_lanes(problem, branches) & own).any(axis=2))
+    return np.asarray((occupied_lanes(problem, branches).T & own.T[:, :, None]).any(axis=0)).T
 
 
 def shortfalls(

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral
-from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over, body_lanes
+from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lane_change_means, lane_changing
 from sumo_hmdp.planning.problem import DecisionProblem
 
@@ -46,19 +45,18 @@ def sweep_steps(problem: DecisionProblem) -> int:
     return 0 if problem.settings.occupancy is Occupancy.TARGET else _lane_change(problem).sweep_steps
 
 
-def present_lanes(problem: DecisionProblem, vehicle: VehicleState) -> frozenset[int]:
-    """Return the lanes that a vehicle takes up now."""
-    if problem.settings.occupancy is Occupancy.TARGET:
-        return frozenset({vehicle.lane})
-    return frozenset({vehicle.lane, *body_lanes(problem.road, vehicle.y, vehicle.width)})
-
-
 def start_state(problem: DecisionProblem) -> LaneState:
     """Return the ego's lane state now; under `swept`, what is left of a running lane change follows from y."""
     ego = problem.ego
     if problem.settings.occupancy is Occupancy.TARGET:
         return LaneState(ego.lane)
-    return _lane_change(problem).state(ego.lane, ego.y)
+    return _changing(_lane_change(problem), ego.lane, ego.y)
+
+
+@lru_cache(maxsize=16)
+def _changing(change: LaneChange, lane: int, y: float) -> LaneState:
+    """Return the lane state of an ego; it is asked for several times a decision."""
+    return change.state(lane, y)
 
 
 def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
@@ -117,8 +115,12 @@ class _Occupied(NamedTuple):
 
 def shares_lane(problem: DecisionProblem, branches: Branches, state: LaneState) -> NDArray[np.bool_]:
     """Tell which vehicles take up any lane of a lane state now, shape (V,)."""
-    now = _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).now
-    return np.asarray(now[:, [lane - 1 for lane in state.occupied]].any(axis=1))
+    return np.asarray(lanes_now(problem, branches)[:, [lane - 1 for lane in state.occupied]].any(axis=1))
+
+
+def lanes_now(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
+    """Tell which lanes each vehicle takes up now, shape (V, lanes); not to be written to."""
+    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).now
 
 
 def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:

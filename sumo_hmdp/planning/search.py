@@ -258,9 +258,11 @@ def _cheapest(
         # What changes by more than a lane wraps around to some cost or other; there is no such move.
         lateral = openings.lane - lanes_before[:, None]
         step_cost = np.where(openings.moves, by_action.take(lateral, axis=1, mode="wrap"), np.inf)
-        way = costs[-1].take(prefixes.parent, axis=0)[:, :, None] + step_cost.take(prefixes.mode, axis=0, mode="wrap")
+        # The least of some tables, (W before, P, W), is found much faster than the least within rows of one.
+        onward = step_cost.transpose(1, 0, 2).take(prefixes.mode, axis=1, mode="wrap")
+        least = np.minimum.reduce(costs[-1].T.take(prefixes.parent, axis=1)[:, :, None] + onward)
         ends = of_speed[:, None] + by_lane[openings.lane]
-        costs.append(np.where(usable, np.minimum.reduce(way, axis=1) + ends, np.inf))
+        costs.append(np.where(usable, least + ends, np.inf))
         step_costs.append(step_cost)
         lanes_before = openings.lane
     cost, last, leaves = costs[-1], steps[-1], tree[-1]

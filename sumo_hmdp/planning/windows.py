@@ -344,8 +344,9 @@ def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches,
     """
     steps = range(1, lattice.steps + 1)
     # One unit more, against rounding.
-    back = np.array([lattice.position_at(k, farthest_points(lattice, k)[0] - 1) for k in steps])
-    front = np.array([lattice.position_at(k, farthest_points(lattice, k)[1] + 1) for k in steps])
+    points = [farthest_points(lattice, k) for k in steps]
+    back = np.array([lattice.position_at(k, low - 1) for k, (low, _) in zip(steps, points, strict=True)])
+    front = np.array([lattice.position_at(k, high + 1) for k, (_, high) in zip(steps, points, strict=True)])
     begins_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[branches.vehicle]
     behind, ahead = ~begins_ahead, begins_ahead
     for stretch in stretches:
