@@ -7,6 +7,7 @@ completion falls below the threshold, so no more rows ever live than branches su
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,8 @@ class PredictionSettings:
 class Branches:
     """All retained branches of all vehicles: B rows, H steps, V vehicles.
 
+    In memory the rows of a step lie side by side: there are many, and few steps.
+
     Attributes:
         vehicles: the vehicles they belong to, V of them.
         vehicle: (B,) index into `vehicles`, rising.
@@ -117,48 +120,55 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     """
     H = settings.horizon_steps
     V = len(vehicles)
-    actions = _likely_sequences(vehicles, settings)
-    B = len(actions.vehicle)
-    mode = np.array([int(v.state.mode) for v in vehicles], dtype=np.int64)[actions.vehicle]
-    lane = np.array([v.state.lane for v in vehicles], dtype=np.int64)[actions.vehicle]
-    x_now = np.array([v.state.x for v in vehicles], dtype=np.float64)[actions.vehicle]
-    speed_now = np.array([v.state.speed for v in vehicles], dtype=np.float64)[actions.vehicle]
-    laterals = _LATERAL_OF_ACTION[actions.sequences]
-    lanes = lane[:, None] + np.cumsum(laterals, axis=1)
-    modes = mode[:, None] + np.cumsum(_MODE_CHANGE_OF_ACTION[actions.sequences], axis=1)
-    x, speed = np.empty((B, H)), np.empty((B, H))
+    trees = _trees(vehicles, settings)
+    vehicle = np.repeat(np.arange(V), [len(tree.probability) for tree in trees])
+    probability, laterals, lanes, modes = (
+        np.concatenate(each, axis=-1).T for each in zip(_no_tree(H), *trees, strict=True)
+    )
+    x_now = np.array([v.state.x for v in vehicles], dtype=np.float64)[vehicle]
+    speed_now = np.array([v.state.speed for v in vehicles], dtype=np.float64)[vehicle]
+    mode = np.array([int(v.state.mode) for v in vehicles], dtype=np.int64)[vehicle]
+    x, speed = np.empty((2, H, len(vehicle))).transpose(0, 2, 1)
     for k in range(H):
         # The mode BEFORE the step's action gives the acceleration of a surrounding vehicle.
-        mode_before = mode if k == 0 else modes[:, k - 1]
         x_now, speed_now = next_longitudinal(
-            x_now, speed_now, settings.accel * mode_before.astype(np.float64), settings.period
+            x_now, speed_now, settings.accel * mode.astype(np.float64), settings.period
         )
-        x[:, k], speed[:, k] = x_now, speed_now
+        x[:, k], speed[:, k], mode = x_now, speed_now, modes[:, k]
     deviations = np.array([_position_deviations(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
-    kept = np.bincount(actions.vehicle, weights=actions.probability, minlength=V) if V else np.zeros(0)
+    kept = np.bincount(vehicle, weights=probability, minlength=V) if V else np.zeros(0)
     return Branches(
         vehicles=tuple(vehicles),
-        vehicle=actions.vehicle,
-        probability=actions.probability,
+        vehicle=vehicle,
+        probability=probability,
         laterals=laterals,
         lanes=lanes,
         modes=modes,
         x=x,
         speed=speed,
         x_std=deviations,
-        pruned=np.clip(1.0 - kept, 0.0, 1.0),
+        pruned=np.minimum(np.maximum(1.0 - kept, 0.0), 1.0),
     )
 
 
-@dataclass(frozen=True)
-class _Sequences:
-    vehicle: IntArray
+class _Tree(NamedTuple):
+    """The B likely sequences from one maneuver, (H, B) but for the probability."""
+
     probability: FloatArray
-    sequences: IntArray  # (B, H) indices into ACTIONS
+    laterals: IntArray
+    lanes: IntArray
+    modes: IntArray
 
 
-def _likely_sequences(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> _Sequences:
-    """Return the sequences of all vehicles, one vehicle after the other (docs/formulation.md, eq. 7)."""
+@lru_cache(maxsize=16)
+def _no_tree(steps: int) -> _Tree:
+    """Return no sequence at all; what is joined to it has the right shape and type."""
+    nothing = np.zeros((steps, 0), dtype=np.int64)
+    return _Tree(np.zeros(0), nothing, nothing, nothing)
+
+
+def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> list[_Tree]:
+    """Return the likely sequences of each vehicle (docs/formulation.md, eq. 7)."""
     shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
     # Policies are long to compare, and most vehicles have the very same one.
     known: dict[tuple[int, int, int], _Tree] = {}
@@ -168,18 +178,7 @@ def _likely_sequences(vehicles: Sequence[PredictedVehicle], settings: Prediction
         if maneuver not in known:
             known[maneuver] = _likely_from(vehicle.policy, *maneuver[1:], shared)
         trees.append(known[maneuver])
-    nothing = np.zeros((0, settings.horizon_steps), dtype=np.int64)
-    return _Sequences(
-        np.repeat(np.arange(len(trees)), [len(tree.probability) for tree in trees]),
-        np.concatenate([np.zeros(0), *(tree.probability for tree in trees)]),
-        np.concatenate([nothing, *(tree.sequences for tree in trees)]),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Tree:
-    probability: FloatArray
-    sequences: IntArray  # (B, H) indices into ACTIONS
+    return trees
 
 
 # Vehicles in the same maneuver of which the same is believed have the same sequences.
@@ -211,7 +210,8 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
         history = np.column_stack([history[row], action])
         probability = child[row, action]
         lanes, modes = next_lane[row, action], next_mode[row, action]
-    return _Tree(probability, history)
+    laterals, changes = _LATERAL_OF_ACTION[history.T], _MODE_CHANGE_OF_ACTION[history.T]
+    return _Tree(probability, laterals, lane + np.cumsum(laterals, axis=0), mode + np.cumsum(changes, axis=0))
 
 
 def _completions(table: FloatArray, steps: int) -> list[FloatArray]:
@@ -237,16 +237,27 @@ def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) 
     """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 4)."""
     y_now = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
     means = np.repeat(y_now[:, None], settings.horizon_steps, axis=1)
-    changes = branches.laterals != Lateral.KEEP
-    # Who keeps its lane all the way keeps its y; those are by far the most.
-    rows = np.flatnonzero(changes.any(axis=1))
-    y, vehicle = y_now[rows], branches.vehicle[rows]
+    rows = lane_changing(branches)
+    means[rows] = lane_change_means(branches, rows, road, settings)
+    return means
+
+
+def lane_changing(branches: Branches) -> IntArray:
+    """Return the rows that change lanes at some step; the others keep their y, and are by far the most."""
+    return np.flatnonzero((branches.laterals != 0).any(axis=1))
+
+
+def lane_change_means(branches: Branches, rows: IntArray, road: Road, settings: PredictionSettings) -> FloatArray:
+    """Return the mean y of some branches, (N, H) [m] (docs/formulation.md, eq. 4)."""
+    vehicle, changes = branches.vehicle[rows], branches.laterals[rows] != 0
+    y = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[vehicle]
     lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[vehicle]
     y_ref = ((road.lane_count + 1) / 2 - branches.lanes[rows].astype(np.float64)) * road.lane_width
-    for k in range(settings.horizon_steps if len(rows) else 0):
-        following = next_lateral(y, lateral_speed, changes[rows, k], y_ref[:, k], settings.period, settings.gains)
+    means = np.empty(changes.shape)
+    for k in range(settings.horizon_steps):
+        following = next_lateral(y, lateral_speed, changes[:, k], y_ref[:, k], settings.period, settings.gains)
         lateral_speed = (following - y) / settings.period
-        y = means[rows, k] = following
+        y = means[:, k] = following
     return means
 
 

@@ -90,6 +90,8 @@ def next_longitudinal(
     free_speed = speed + accel * period
     free_x = x + speed * period + accel * period**2 / 2
     stops = free_speed < 0
+    if not stops.any():
+        return free_x, free_speed
     stopping_distance = np.divide(speed**2, -2 * accel, out=np.zeros_like(speed), where=stops)
     return np.where(stops, x + stopping_distance, free_x), np.where(stops, 0.0, free_speed)
 

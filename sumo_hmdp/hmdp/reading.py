@@ -32,6 +32,9 @@ class ReadingThresholds:
     lateral_ceases: float = 0.15
 
 
+_STATED = ReadingThresholds()
+
+
 def read_maneuver(
     vehicle: VehicleState,
     road: Road,
@@ -48,7 +51,7 @@ def read_maneuver(
         last: what was read of it before, None where it is new.
         thresholds: None takes the stated ones.
     """
-    limits = thresholds or ReadingThresholds()
+    limits = thresholds or _STATED
     return ManeuverState(_lane(vehicle, road, last, limits), _mode(vehicle.accel / accel, last, limits))
 
 

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, ManeuverState, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
 from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
-from sumo_hmdp.planning.decide import Answer, make_plan, shortfalls
+from sumo_hmdp.planning.decide import Answer, lanes_shared, make_plan, missing_distances
 from sumo_hmdp.planning.lattice import EgoLattice
-from sumo_hmdp.planning.occupancy import shares_lane, start_state
+from sumo_hmdp.planning.occupancy import shares_lane
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import line_shortfalls, place_of
 
@@ -171,25 +170,29 @@ def _line_breach(problem: DecisionProblem, plan: tuple[PlanStep, ...]) -> Breach
 
 
 def _traffic_breach(problem: DecisionProblem, answer: Answer, plan: tuple[PlanStep, ...]) -> Breach | None:
-    branches = answer.branches
     if not all(problem.road.has_lane(step.lane) for step in plan):
         return None
-    shared: NDArray[np.bool_] = shares_lane(problem, start_state(problem))[branches.vehicle]
+    branches = answer.branches
+    ahead, missing = missing_distances(problem, plan, branches, answer.margin)
+    shared = lanes_shared(problem, plan, branches)
+    missing = np.where(shared, missing, 0.0)
     is_ahead = np.array([problem.ego.x > v.state.x for v in problem.vehicles], dtype=bool)
-    ahead: NDArray[np.bool_] = is_ahead[branches.vehicle]
-    missing_by_step = shortfalls(problem, plan, branches, answer.margin)
-    for k, rows, _, missing in missing_by_step:
-        shares_now: NDArray[np.bool_] = np.zeros(len(shared), dtype=bool)
-        shares_now[rows] = True
-        ahead_now: NDArray[np.bool_] = np.asarray(branches.x[:, k] < plan[k].x)
-        passes = np.flatnonzero(shared & shares_now & (ahead != ahead_now))
-        if len(passes):
-            return Breach(k + 1, int(passes[0]), 0.0)
-        if missing.max(initial=0.0) > DISTANCE_TOLERANCE:
-            at = int(missing.argmax())
-            return Breach(k + 1, int(rows[at]), float(missing[at]))
-        shared, ahead = shares_now, ahead_now
-    return None
+    at_first = (
+        is_ahead[branches.vehicle],
+        shares_lane(problem, branches, answer.corridors.states[0][0])[branches.vehicle],
+    )
+    ahead, shared = (
+        np.concatenate([first[None], later.T]) for first, later in zip(at_first, (ahead, shared), strict=True)
+    )
+    passes = shared[:-1] & shared[1:] & (ahead[:-1] != ahead[1:])
+    breached = passes.any(axis=1) | (missing.max(axis=0, initial=0.0) > DISTANCE_TOLERANCE)
+    k = int(breached.argmax())
+    if not breached[k]:
+        return None
+    if passes[k].any():
+        return Breach(k + 1, int(passes[k].argmax()), 0.0)
+    row = int(missing[:, k].argmax())
+    return Breach(k + 1, row, float(missing[row, k]))
 
 
 def cause_of(

@@ -13,7 +13,7 @@ from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.planning.decide import Answer
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import Motion
-from sumo_hmdp.planning.occupancy import occupied_lanes, present_lanes, start_state, sweep_steps
+from sumo_hmdp.planning.occupancy import lanes_now, occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
 
@@ -94,9 +94,7 @@ class _Meeting:
         self._problem, self._answer = problem, answer
         branches = answer.branches
         occupied = occupied_lanes(problem, branches)
-        now = np.zeros((len(problem.vehicles), problem.road.lane_count), dtype=bool)
-        for row, vehicle in zip(now, problem.vehicles, strict=True):
-            row[[lane - 1 for lane in present_lanes(problem, vehicle.state)]] = True
+        now = lanes_now(problem, branches)
         # Shapes (B, 1 + H, lanes) and (B, 1 + H): the present comes first.
         self._occupied = np.concatenate([now[branches.vehicle, None, :], occupied], axis=1)
         x_now = np.array([v.state.x for v in problem.vehicles])[branches.vehicle]

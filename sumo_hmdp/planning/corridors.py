@@ -9,7 +9,7 @@ Under a distance that depends on the ego's speed, each speed level has windows o
 """
 
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -25,14 +25,13 @@ from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
 from sumo_hmdp.planning.windows import (
     BoolArray,
     Clearances,
-    Cut,
     Level,
     Place,
     Stretch,
     Traffic,
+    Windows,
     farthest_points,
     merge,
-    running,
 )
 
 
@@ -135,13 +134,11 @@ def carve(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, dis
         for k in range(lattice.steps)
         for level, reach in levels[k].items()
     ]
-    cuts = iter(traffic.cuts(lattice, places))
-    before = [traffic.start(problem, lanes[0])]
-    stages: list[Stage] = []
-    for k in range(lattice.steps):
-        after = list(islice(cuts, len(levels[k])))
-        stages.append(_stage(before, after, lanes[k + 1]))
-        before = after
+    windows = [traffic.start(problem, branches, lanes[0]), *traffic.windows(lattice, places)]
+    stages = [
+        _stage(before, after, step, levelled=levelled)
+        for (before, after), step in zip(pairwise(windows), lanes[1:], strict=True)
+    ]
     return Corridors(stages=tuple(stages), states=tuple(step.states for step in lanes), levelled=levelled)
 
 
@@ -152,99 +149,45 @@ def _closed(problem: DecisionProblem, lanes: LaneStep) -> FloatArray:
     return np.array([closed_from(problem, state) for state in lanes.states])
 
 
-def _stage(before: list[Cut], after: list[Cut], lanes: LaneStep) -> Stage:
-    """Join the windows of one step, by lane state and then by speed level."""
-    if len(before) == len(after) == 1:
-        # Nothing hangs on the speed: the windows are in order as they are.
-        (cut,) = after
-        level, phase = (np.full(len(cut.state), number) for number in cut.level)
-        low, high, soft_low, soft_high = cut.bounds
-        return Stage(
-            lane=lanes.lane[cut.state],
-            state=cut.state,
-            level=level,
-            phase=phase,
-            opening=np.arange(len(cut.state)),
-            low=low,
-            high=high,
-            soft_low=soft_low,
-            soft_high=soft_high,
-            stop_high=cut.stop_high,
-            moves=_moves(before[0], cut, lanes),
-        )
-    rows, columns = _by_state(before), _by_state(after)
-    moves = np.zeros((len(rows), len(columns)), dtype=bool)
-    top = 0
-    for earlier in before:
-        bottom, left = top + len(earlier.state), 0
-        for later in after:
-            right = left + len(later.state)
-            if _may_follow(earlier.level, later.level):
-                moves[top:bottom, left:right] = _moves(earlier, later, lanes)
-            left = right
-        top = bottom
-    nothing = np.zeros(0, dtype=np.int64)
-    state = np.concatenate([nothing, *(cut.state for cut in after)])[columns]
-    levels = np.array([cut.level for cut in after], dtype=np.int64).reshape(-1, 2)
-    level, phase = np.repeat(levels, [len(cut.state) for cut in after], axis=0)[columns].T
-    low, high, soft_low, soft_high = np.concatenate([np.zeros((4, 0)), *(cut.bounds for cut in after)], axis=1)[
-        :, columns
-    ]
+def _stage(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) -> Stage:
+    """Describe one step by its windows and those of the step before."""
+    low, high, soft_low, soft_high = after.bounds
     return Stage(
-        lane=lanes.lane[state],
-        state=state,
-        level=level,
-        phase=phase,
-        opening=_openings(after, lanes)[columns] if len(after) > 1 else np.arange(len(columns)),
+        lane=lanes.lane[after.state],
+        state=after.state,
+        level=after.level,
+        phase=after.phase,
+        opening=_openings(after) if levelled else np.arange(len(after.state)),
         low=low,
         high=high,
         soft_low=soft_low,
         soft_high=soft_high,
-        stop_high=np.concatenate([np.zeros(0), *(cut.stop_high for cut in after)])[columns],
-        moves=moves[rows[:, None], columns],
+        stop_high=after.stop_high,
+        moves=_moves(before, after, lanes, levelled=levelled),
     )
 
 
-def _by_state(cuts: list[Cut]) -> IntArray:
-    """Return the order of the windows of all speed levels of a step."""
-    states = [cut.state for cut in cuts]
-    return np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *states]), kind="stable")
-
-
-def _openings(cuts: list[Cut], lanes: LaneStep) -> IntArray:
-    """Number the openings of a step and return that of each window of each speed level in turn."""
-    found: list[tuple[int, int, bytes]] = []
-    for cut in cuts:
-        block = cut.block[lanes.footprint[cut.state]]
-        behind = (block >= 0) & (block < cut.number[:, None])
-        signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
-        found += zip(cut.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True)
+def _openings(windows: Windows) -> IntArray:
+    """Number the openings of a step and return that of each window."""
+    behind = windows.behind > 0
+    signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
+    found = list(zip(windows.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True))
     # From behind to ahead in each lane state, as the windows are.
     numbers = {opening: number for number, opening in enumerate(sorted(set(found)))}
     return np.array([numbers[opening] for opening in found], dtype=np.int64)
 
 
-def _moves(earlier: Cut, later: Cut, lanes: LaneStep) -> BoolArray:
+def _moves(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) -> BoolArray:
     """Tell which windows can follow each other, shape (W before, W after).
 
-    Every branch that shares a lane with the ego before and after must be on the same side of it: with b the block of a
-    branch after the step, the window there lies ahead of the greatest b of those behind the window before, and behind
-    the least b of those ahead.
+    Every branch that shares a lane with the ego before and after must be on the same side of it.
     """
-    first = (earlier.block >= 0).take(earlier.order, axis=1).take(lanes.before, axis=0)
-    block = later.block.take(earlier.order, axis=1).take(lanes.after, axis=0)
-    shared = first & (block >= 0)
-    nobody = len(earlier.order) + 1
-    behind = running(np.maximum, np.where(shared, block, -1), -1)
-    ahead = running(np.minimum, np.where(shared, block, nobody)[:, ::-1], nobody)[:, ::-1]
-    move = lanes.move[earlier.state[:, None], later.state]
-    place, number = earlier.place[:, None], later.number
-    return (move >= 0) & (behind[move, place] < number) & (number <= ahead[move, place])
-
-
-def _may_follow(before: Level, after: Level) -> bool:
-    """Tell whether one step can lead from one speed level and phase to another."""
-    return abs(after[0] - before[0]) <= 1 and before[1] <= after[1]
+    passed = before.behind @ after.ahead.T + before.ahead @ after.behind.T
+    moves: BoolArray = lanes.move[before.state[:, None], after.state] & (passed == 0)
+    if levelled:
+        moves &= np.abs(after.level - before.level[:, None]) <= 1
+        moves &= before.phase[:, None] <= after.phase
+    return moves
 
 
 def forbidden_intervals(

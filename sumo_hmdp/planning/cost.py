@@ -23,9 +23,11 @@ def speed_cost(preferences: Preferences, speed: float) -> float: ...
 def speed_cost(preferences: Preferences, speed: FloatArray) -> FloatArray: ...
 def speed_cost(preferences: Preferences, speed: float | FloatArray) -> float | FloatArray:
     """Return speed_weight * max(0, |v - v_des| - deadband) for speeds [m/s], any shape."""
-    excess = np.abs(speed - preferences.desired_speed) - preferences.speed_deadband
-    cost = np.where(excess > SPEED_TOLERANCE, preferences.speed_weight * excess, 0.0)
-    return cost if isinstance(speed, np.ndarray) else float(cost)
+    if isinstance(speed, np.ndarray):
+        beyond = np.abs(speed - preferences.desired_speed) - preferences.speed_deadband
+        return np.where(beyond > SPEED_TOLERANCE, preferences.speed_weight * beyond, 0.0)
+    excess = abs(speed - preferences.desired_speed) - preferences.speed_deadband
+    return preferences.speed_weight * excess if excess > SPEED_TOLERANCE else 0.0
 
 
 @overload
@@ -35,8 +37,9 @@ def lane_cost(preferences: Preferences, lane: IntArray) -> FloatArray: ...
 def lane_cost(preferences: Preferences, lane: int | IntArray) -> float | FloatArray:
     """Return lane_weight * |lane - goal_lane| for lanes, any shape; 0 without a goal lane."""
     goal = preferences.goal_lane
-    away = np.zeros(np.shape(lane)) if goal is None else preferences.lane_weight * np.abs(np.subtract(lane, goal))
-    return away if isinstance(lane, np.ndarray) else float(away)
+    if isinstance(lane, np.ndarray):
+        return np.zeros(lane.shape) if goal is None else preferences.lane_weight * np.abs(lane - goal)
+    return 0.0 if goal is None else preferences.lane_weight * abs(lane - goal)
 
 
 def stage_cost(preferences: Preferences, *, mode: int, lateral: int, speed: float, lane: int) -> float:

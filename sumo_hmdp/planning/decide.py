@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from sumo_hmdp.planning.cost import objective
 from sumo_hmdp.planning.distance import clearance_to, counted
 from sumo_hmdp.planning.fallback import braking_demand
 from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
-from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
+from sumo_hmdp.planning.occupancy import lanes_along, occupied_lanes
 from sumo_hmdp.planning.optimiser import DeadlineError, best_sequence, least_violation
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.risk import margins
@@ -239,19 +240,40 @@ def _require_agreement(problem: DecisionProblem, first: Answer, second: Answer) 
 def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:
     """Return where a sequence of maneuvers leads."""
     motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
-    lanes = problem.ego.lane + np.cumsum(np.array(sequence.laterals, dtype=int))
+    lanes = list(accumulate(sequence.laterals, initial=problem.ego.lane))
     return tuple(
         PlanStep(
             step=k + 1,
             lateral=sequence.laterals[k],
             mode=sequence.modes[k],
-            lane=int(lanes[k]),
+            lane=lanes[k + 1],
             x=lattice.position_at(k + 1, motion.point),
             # A speed limit of zero is met up to rounding.
             speed=max(0.0, motion.speed),
         )
         for k, motion in enumerate(motions)
     )
+
+
+def missing_distances(
+    problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
+) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Compare a plan with all branches, whichever lanes they are in.
+
+    Returns:
+        Whether the ego is ahead of each branch at each step, and the metres that are missing to their distance, not
+        above 0 where it is kept; (B, H) both.
+    """
+    x, speed = np.array([step.x for step in plan]), np.array([step.speed for step in plan])
+    ahead = x > branches.x
+    safe = clearance_to(problem, branches.length[:, None], branches.speed, margin, speed)
+    return ahead, np.where(ahead, safe.ahead, safe.behind) - np.abs(x - branches.x)
+
+
+def lanes_shared(problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches) -> NDArray[np.bool_]:
+    """Tell which branches take up any lane that the ego does, at each step of a plan, (B, H)."""
+    own = lanes_along(problem, tuple(step.lateral for step in plan))
+    return np.asarray((occupied_lanes(problem, branches).T & own.T[:, :, None]).any(axis=0)).T
 
 
 def shortfalls(
@@ -263,16 +285,13 @@ def shortfalls(
         Step index k, rows of the branches, whether the ego is ahead of each, and the metres that are missing, not
         above 0 where the distance is kept.
     """
-    occupied = occupied_lanes(problem, branches)
-    sweep = sweep_steps(problem)
-    state = start_state(problem)
-    for k, step in enumerate(plan):
-        state = state.after(step.lateral, sweep)
-        rows = np.flatnonzero(occupied[:, k, [lane - 1 for lane in state.occupied]].any(axis=1))
-        x = branches.x[rows, k]
-        ahead = step.x > x
-        safe = clearance_to(problem, branches.length[rows], branches.speed[rows, k], margin[rows, k], step.speed)
-        yield k, rows, ahead, np.where(ahead, safe.ahead, safe.behind) - np.abs(step.x - x)
+    if not plan:
+        return
+    ahead, missing = missing_distances(problem, plan, branches, margin)
+    shared = lanes_shared(problem, plan, branches)
+    for k in range(len(plan)):
+        rows = np.flatnonzero(shared[:, k])
+        yield k, rows, ahead[rows, k], missing[rows, k]
 
 
 def violation_of(

@@ -38,9 +38,12 @@ def safe_clearance(problem: DecisionProblem, branches: Branches, margin: FloatAr
 
 
 def clearance_to(
-    problem: DecisionProblem, lengths: FloatArray, speeds: FloatArray, margin: FloatArray, ego_speed: float
+    problem: DecisionProblem, lengths: FloatArray, speeds: FloatArray, margin: FloatArray, ego_speed: float | FloatArray
 ) -> Clearance:
-    """Return the least distances to vehicles of given lengths [m], mean speeds [m/s] and margins [m], of one shape."""
+    """Return the least distances to vehicles of given lengths [m], mean speeds [m/s] and margins [m] that broadcast.
+
+    The ego's speed [m/s] broadcasts against them too.
+    """
     safe, own = problem.settings.distance, np.array(ego_speed)
     return Clearance(
         ahead=safe.ahead(np.array(problem.ego.length), own, speeds) + margin,

@@ -13,12 +13,12 @@ keeps telling the speed, together with the phase: 0 before such a stop and 1 aft
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from sumo_hmdp.planning.problem import SPEED_TOLERANCE, DecisionProblem
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """The ego after one step of a sequence of modes.
 
     Attributes:

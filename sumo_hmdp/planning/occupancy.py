@@ -2,19 +2,19 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral
-from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over, body_lanes
+from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lateral_means
+from sumo_hmdp.hmdp.branches import Branches, IntArray, PredictionSettings, lane_change_means, lane_changing
 from sumo_hmdp.planning.problem import DecisionProblem
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaneStep:
     """The lane states that the ego can be in at the end of one step, S of them, and how it gets there.
 
@@ -25,18 +25,14 @@ class LaneStep:
         lane: (S,) the lane that each intends.
         occupied: (U, lanes) which lanes each footprint covers.
         footprint: (S,) index of each state's footprint in `occupied`.
-        before: (M,) of each pair of footprints between which there is a move, the index of the one a step before.
-        after: (M,) of each such pair, the index of the one in `occupied`.
-        move: (S one step before, S) number of the pair of the move between two states, -1 where there is none.
+        move: (S one step before, S) whether there is a move between two states.
     """
 
     states: tuple[LaneState, ...]
     lane: IntArray
     occupied: NDArray[np.bool_]
     footprint: IntArray
-    before: IntArray
-    after: IntArray
-    move: IntArray
+    move: NDArray[np.bool_]
 
 
 def _lane_change(problem: DecisionProblem) -> LaneChange:
@@ -49,19 +45,18 @@ def sweep_steps(problem: DecisionProblem) -> int:
     return 0 if problem.settings.occupancy is Occupancy.TARGET else _lane_change(problem).sweep_steps
 
 
-def present_lanes(problem: DecisionProblem, vehicle: VehicleState) -> frozenset[int]:
-    """Return the lanes that a vehicle takes up now."""
-    if problem.settings.occupancy is Occupancy.TARGET:
-        return frozenset({vehicle.lane})
-    return frozenset({vehicle.lane, *body_lanes(problem.road, vehicle.y, vehicle.width)})
-
-
 def start_state(problem: DecisionProblem) -> LaneState:
     """Return the ego's lane state now; under `swept`, what is left of a running lane change follows from y."""
     ego = problem.ego
     if problem.settings.occupancy is Occupancy.TARGET:
         return LaneState(ego.lane)
-    return _lane_change(problem).state(ego.lane, ego.y)
+    return _changing(_lane_change(problem), ego.lane, ego.y)
+
+
+@lru_cache(maxsize=16)
+def _changing(change: LaneChange, lane: int, y: float) -> LaneState:
+    """Return the lane state of an ego; it is asked for several times a decision."""
+    return change.state(lane, y)
 
 
 def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
@@ -96,46 +91,75 @@ def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int
     occupied = np.zeros((len(distinct), lane_count), dtype=bool)
     for row, lanes in zip(occupied, distinct, strict=True):
         row[[lane - 1 for lane in lanes]] = True
-    number = {state: index for index, state in enumerate(after)}
     footprint = np.array([distinct.index(lanes) for lanes in footprints], dtype=np.int64)
     states = () if before is None else before.states
-    move = np.full((len(states), len(after)), -1, dtype=np.int64)
-    pairs: dict[tuple[int, int], int] = {}
-    for i, state in enumerate(states):
-        for following in (state.after(lateral, sweep) for lateral in Lateral):
-            if before is not None and following in number:
-                j = number[following]
-                pair = int(before.footprint[i]), int(footprint[j])
-                move[i, j] = pairs.setdefault(pair, len(pairs))
-    ends = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
+    move = np.zeros((len(states), len(after)), dtype=bool)
+    for row, state in zip(move, states, strict=True):
+        following = {state.after(lateral, sweep) for lateral in Lateral}
+        row[:] = [other in following for other in after]
     lane = np.array([state.lane for state in after], dtype=np.int64)
-    return LaneStep(after, lane, occupied, footprint, ends[:, 0], ends[:, 1], move)
+    return LaneStep(after, lane, occupied, footprint, move)
 
 
-def shares_lane(problem: DecisionProblem, state: LaneState) -> NDArray[np.bool_]:
+class _Occupied(NamedTuple):
+    """Which lanes are taken up.
+
+    Attributes:
+        now: (V, lanes) by each vehicle.
+        later: (B, H, lanes) by each branch at the end of each step.
+    """
+
+    now: NDArray[np.bool_]
+    later: NDArray[np.bool_]
+
+
+def shares_lane(problem: DecisionProblem, branches: Branches, state: LaneState) -> NDArray[np.bool_]:
     """Tell which vehicles take up any lane of a lane state now, shape (V,)."""
-    vehicles = [v.state for v in problem.vehicles]
-    lanes = np.array(state.occupied)
-    shares: NDArray[np.bool_] = np.array([v.lane for v in vehicles], dtype=np.int64)[:, None] == lanes
-    if problem.settings.occupancy is Occupancy.SWEPT:
-        y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
-        shares = shares | bodies_over(problem.road, y, widths)[:, lanes - 1]
-    return np.asarray(shares.any(axis=1))
+    return np.asarray(lanes_now(problem, branches)[:, [lane - 1 for lane in state.occupied]].any(axis=1))
+
+
+def lanes_now(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
+    """Tell which lanes each vehicle takes up now, shape (V, lanes); not to be written to."""
+    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).now
 
 
 def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
     """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes); not to be written to."""
-    return _occupied_lanes(branches, problem.road, problem.settings.occupancy, problem.settings.prediction())
+    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).later
 
 
 # Everybody who works on one decision asks for it.
 @lru_cache(maxsize=4)
-def _occupied_lanes(
-    branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings
-) -> NDArray[np.bool_]:
-    occupied: NDArray[np.bool_] = branches.lanes[:, :, None] == np.arange(1, road.lane_count + 1)
+def _occupied(branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings) -> _Occupied:
+    vehicles = [v.state for v in branches.vehicles]
+    # The lanes come first, and last only in the end: NumPy is slow over a last axis as short as theirs.
+    lanes = np.arange(1, road.lane_count + 1)[:, None]
+    now: NDArray[np.bool_] = lanes == np.array([v.lane for v in vehicles], dtype=np.int64)
+    later: NDArray[np.bool_] = lanes[:, :, None] == branches.lanes.T
     if occupancy is Occupancy.SWEPT:
-        widths = np.array([v.state.width for v in branches.vehicles])[branches.vehicle]
-        occupied |= bodies_over(road, lateral_means(branches, road, prediction), widths[:, None])
-    occupied.flags.writeable = False
-    return occupied
+        y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
+        over = bodies_over(road, y, widths).T
+        now |= over
+        rows = lane_changing(branches)
+        changing = later[:, :, rows]
+        later |= over.take(branches.vehicle, axis=1)[:, None]
+        if len(rows):
+            means = lane_change_means(branches, rows, road, prediction)
+            later[:, :, rows] = changing | bodies_over(road, means, widths[branches.vehicle[rows], None]).T
+    now.flags.writeable = later.flags.writeable = False
+    return _Occupied(now.T, later.T)
+
+
+def lanes_along(problem: DecisionProblem, laterals: tuple[Lateral, ...]) -> NDArray[np.bool_]:
+    """Tell which lanes the ego takes up at the end of each step of a sequence of lateral actions, (H, lanes)."""
+    return _lanes_along(start_state(problem), laterals, sweep_steps(problem), problem.road.lane_count)
+
+
+@lru_cache(maxsize=256)
+def _lanes_along(state: LaneState, laterals: tuple[Lateral, ...], sweep: int, lane_count: int) -> NDArray[np.bool_]:
+    own = np.zeros((len(laterals), lane_count), dtype=bool)
+    for lanes, lateral in zip(own, laterals, strict=True):
+        state = state.after(lateral, sweep)
+        lanes[[lane - 1 for lane in state.occupied]] = True
+    own.flags.writeable = False
+    return own

@@ -112,8 +112,7 @@ class HmdpPlanner:
         result = answer(problem, self.solver)
         solve_time = time.perf_counter() - started
         checked = audit(problem, result, None if memory is None else (memory.problem, memory.answer))
-        decision = replace(to_decision(problem, result, checked, scene.time), solve_time=solve_time)
-        return decision, LastDecision(problem, result, read)
+        return to_decision(problem, result, checked, scene.time, solve_time), LastDecision(problem, result, read)
 
     def read(self, scene: Scene, memory: LastDecision | None = None) -> dict[str, ManeuverState]:
         """Return the lane intent and mode of every vehicle in range of which the scenario says nothing."""
@@ -165,14 +164,15 @@ class HmdpPlanner:
             )
         noise = belief.noise
         if maneuver is not None:
-            state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
+            if (state.lane, state.mode) != (maneuver.lane, maneuver.mode):
+                state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
             if state.speed < STANDSTILL:
                 noise = Noise(position_var=noise.position_var)
         return PredictedVehicle(state, belief.policy.at(now), noise)
 
 
-def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float) -> Decision:
-    """Turn the answer to a problem into a decision with everything that is recorded of it."""
+def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float, solve_time: float) -> Decision:
+    """Turn the answer to a problem into a decision with everything that is recorded of it; both times in [s]."""
     accel = result.mode * problem.settings.accel if result.brake is None else -result.brake
     lane = problem.ego.lane + result.lateral
     return Decision(
@@ -186,7 +186,7 @@ def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: f
         violation=result.violation,
         reason=result.reason,
         solver=result.solver,
-        solve_time=result.solve_time,
+        solve_time=solve_time,
         pruned_prob=float(result.branches.pruned.max(initial=0.0)),
         branch_count=len(result.branches.vehicle),
         vehicles=tuple(vehicle.state.id for vehicle in problem.vehicles),

@@ -36,21 +36,30 @@ def tail_probabilities(branches: Branches, settings: PlannerSettings) -> FloatAr
     Raises:
         RiskBudgetError: if a vehicle's pruned probability leaves nothing of its share.
     """
-    H, vehicles = settings.horizon_steps, len(branches.vehicles)
-    if settings.risk_allocation is RiskAllocation.INDIVIDUAL or not vehicles:
-        return np.full(len(branches.vehicle), settings.risk_level)
-    counts_pruned = settings.account_pruned or settings.risk_allocation is RiskAllocation.MIXTURE
-    if not counts_pruned:
-        return np.full(len(branches.vehicle), settings.risk_level / (H * vehicles))
-    budgets = (settings.risk_level / vehicles - branches.pruned) / H
-    _require_budgets(budgets, branches, settings)
-    if settings.risk_allocation is RiskAllocation.UNIFORM:
-        return np.asarray(budgets[branches.vehicle], dtype=np.float64)
+    of_vehicle = _vehicle_shares(branches, settings)
+    if settings.risk_allocation is not RiskAllocation.MIXTURE:
+        return of_vehicle.take(branches.vehicle)
     tails = np.empty(len(branches.vehicle))
-    for vehicle, budget in enumerate(budgets):
+    for vehicle, budget in enumerate(of_vehicle):
         rows = branches.vehicle == vehicle
         tails[rows] = shared_tails(branches.probability[rows], float(budget))
     return tails
+
+
+def _vehicle_shares(branches: Branches, settings: PlannerSettings) -> FloatArray:
+    """Return each vehicle's share of the risk level in a step, (V,): a tail of every branch, or under `mixture` of all.
+
+    Raises:
+        RiskBudgetError: as `tail_probabilities`.
+    """
+    H, vehicles = settings.horizon_steps, len(branches.vehicles)
+    if settings.risk_allocation is RiskAllocation.INDIVIDUAL or not vehicles:
+        return np.full(vehicles, settings.risk_level)
+    if settings.risk_allocation is RiskAllocation.UNIFORM and not settings.account_pruned:
+        return np.full(vehicles, settings.risk_level / (H * vehicles))
+    budgets = (settings.risk_level / vehicles - branches.pruned) / H
+    _require_budgets(budgets, branches, settings)
+    return budgets
 
 
 def shared_tails(probability: FloatArray, budget: float) -> FloatArray:
@@ -95,5 +104,13 @@ def margins(branches: Branches, settings: PlannerSettings) -> FloatArray:
     Raises:
         RiskBudgetError: as `tail_probabilities`.
     """
-    quantiles = -ndtri(np.minimum(tail_probabilities(branches, settings), LARGEST_TAIL))
-    return np.asarray(np.maximum(quantiles, 0.0)[:, None] * branches.x_std[branches.vehicle])
+    if settings.risk_allocation is RiskAllocation.MIXTURE:
+        return _margins(tail_probabilities(branches, settings), branches.x_std.T.take(branches.vehicle, axis=1).T)
+    # All branches of a vehicle have the same.
+    return _margins(_vehicle_shares(branches, settings), branches.x_std).T.take(branches.vehicle, axis=1).T
+
+
+def _margins(tails: FloatArray, deviations: FloatArray) -> FloatArray:
+    """Return the margins of N tails (N,) at N standard deviations (N, H) [m]."""
+    quantiles = -ndtri(np.minimum(tails, LARGEST_TAIL))
+    return np.asarray(np.maximum(quantiles, 0.0)[:, None] * deviations)

@@ -6,6 +6,8 @@ behind, or ahead, of everything that the ego can reach are left out beforehand: 
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,8 @@ from sumo_hmdp.planning.stop_lines import farthest_stop
 
 BoolArray = NDArray[np.bool_]
 Level = tuple[int, int]
+# 0 or 1, as floats: a product of two counts pairs, and only floats are multiplied fast.
+Sides = NDArray[np.float32]
 
 # A bound in lattice units that a position meets up to rounding is met.
 UNIT_TOLERANCE = 1e-9
@@ -45,7 +49,7 @@ class Merged:
     Attributes:
         order: (J, n) the stretches of each layer by their lower end.
         low: (J, n + 1) lower ends in that order, then infinity.
-        spot: (R, n) where each set's stretches in the order of its layer lie in a flat (R, n) array.
+        rank: (J, n) where in that order each stretch is.
         member: (R, n) which stretches belong to each set, in the order of its layer.
         first: (R, n + 1) whether a stretch in that order begins a block; true at the end, where a last one would.
         reach: (R, n + 1) how far those before it reach; minus infinity before the first block.
@@ -53,7 +57,7 @@ class Merged:
 
     order: IntArray
     low: FloatArray
-    spot: IntArray
+    rank: IntArray
     member: BoolArray
     first: BoolArray
     reach: FloatArray
@@ -70,17 +74,18 @@ def merge(low: FloatArray, high: FloatArray, member: BoolArray, layer: IntArray)
     """
     layers, count = low.shape
     order = np.argsort(low, axis=1, kind="stable")
+    rank = np.empty_like(order)
     # Flat: NumPy's functions along an axis build index arrays that cost more than all else here.
     of_layers = order + count * np.arange(layers)[:, None]
-    spot = order[layer] + count * np.arange(len(layer))[:, None]
+    rank.reshape(-1)[of_layers] = np.arange(count)
     high = high.take(of_layers)
     ends = np.full((layers, count + 1), np.inf)
     ends[:, :-1] = low.take(of_layers)
-    member = member.take(spot)
+    member = member.take(order.take(layer, axis=0) + count * np.arange(len(layer))[:, None])
     reach = running(np.maximum, np.where(member, high[layer], -np.inf), -np.inf)
     first = np.ones(reach.shape, dtype=bool)
     first[:, :-1] = member & (ends[layer, :-1] >= reach[:, :-1])
-    return Merged(order, ends, spot, member, first, reach)
+    return Merged(order, ends, rank, member, first, reach)
 
 
 def running(extreme: np.ufunc, values: FloatArray, of_none: float) -> FloatArray:
@@ -113,7 +118,7 @@ class Stretch:
 
     def of_rows(self, rows: IntArray) -> "Stretch":
         """Return those of some rows."""
-        return Stretch(self.low[rows], self.high[rows])
+        return Stretch(self.low.T.take(rows, axis=1).T, self.high.T.take(rows, axis=1).T)
 
 
 @dataclass(frozen=True)
@@ -136,28 +141,38 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """One step at one speed level: what the branches leave free in each lane state, W windows.
+class Windows:
+    """What n branches leave free at one step: W windows, by lane state, then by speed level, then from behind to ahead.
 
     Attributes:
-        level: speed level and phase.
-        order: (n,) rows from behind to ahead; those of a block lie together.
-        block: (U, n) the block that each row belongs to, -1 where it takes up none of the footprint's lanes.
         state: (W,) index of the lane state.
-        place: (W,) how many rows in `order` are behind the window.
-        number: (W,) how many blocks are behind it.
+        level: (W,) speed level.
+        phase: (W,) phase of that speed level.
+        behind: (W, n) 1 where a branch shares a lane with the state and is behind the window, else 0.
+        ahead: (W, n) likewise ahead of it.
         bounds: (4, W) low, high, soft_low and soft_high.
         stop_high: (W,).
     """
 
-    level: Level
-    order: IntArray
-    block: IntArray
     state: IntArray
-    place: IntArray
-    number: IntArray
+    level: IntArray
+    phase: IntArray
+    behind: Sides
+    ahead: Sides
     bounds: FloatArray
     stop_high: FloatArray
+
+    def part(self, which: slice) -> "Windows":
+        """Return some of them."""
+        return Windows(
+            state=self.state[which],
+            level=self.level[which],
+            phase=self.phase[which],
+            behind=self.behind[which],
+            ahead=self.ahead[which],
+            bounds=self.bounds[:, which],
+            stop_high=self.stop_high[which],
+        )
 
 
 @dataclass(frozen=True)
@@ -169,13 +184,11 @@ class Traffic:
     Attributes:
         vehicle: (n,) whose they are.
         occupied: (n, H, lanes) which lanes they take up.
-        x: (n, H) [m].
         stretches: hard and soft stretch that each takes up, by the ego's speed.
     """
 
     vehicle: IntArray
     occupied: BoolArray
-    x: FloatArray
     stretches: dict[float, tuple[Stretch, Stretch]]
 
     @classmethod
@@ -198,53 +211,50 @@ class Traffic:
             stretches[speed] = hard, soft
         rows = _in_reach(problem, lattice, branches, [soft for _, soft in stretches.values()])
         return cls(
-            branches.vehicle[rows],
-            occupied_lanes(problem, branches)[rows],
-            branches.x[rows],
+            branches.vehicle.take(rows),
+            occupied_lanes(problem, branches).T.take(rows, axis=2).T,
             {
                 speed: (hard.of_rows(rows),) * 2 if hard is soft else (hard.of_rows(rows), soft.of_rows(rows))
                 for speed, (hard, soft) in stretches.items()
             },
         )
 
-    def start(self, problem: DecisionProblem, lanes: LaneStep) -> Cut:
-        """Describe step 0 like a step with a single window, behind which block 0 lies and ahead of which block 1."""
-        shares = shares_lane(problem, lanes.states[0])[self.vehicle]
-        is_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=np.int64)[self.vehicle]
-        order = np.argsort(is_ahead, kind="stable")
-        zero, one = np.zeros(1, dtype=np.int64), np.ones(1, dtype=np.int64)
-        behind = np.array([len(order) - is_ahead.sum()])
-        block = np.where(shares, is_ahead, -1)[None]
-        return Cut((0, 0), order, block, zero, behind, one, np.zeros((4, 1)), np.full(1, np.inf))
+    def start(self, problem: DecisionProblem, branches: Branches, lanes: LaneStep) -> Windows:
+        """Describe step 0 like a step with a single window, where the ego is."""
+        shares = shares_lane(problem, branches, lanes.states[0])[self.vehicle]
+        is_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[self.vehicle]
+        behind, ahead = ((shares & side)[None].astype(np.float32) for side in (~is_ahead, is_ahead))
+        zero = np.zeros(1, dtype=np.int64)
+        return Windows(zero, zero, zero, behind, ahead, np.zeros((4, 1)), np.full(1, np.inf))
 
-    def cuts(self, lattice: EgoLattice, places: Sequence[Place]) -> list[Cut]:
-        """Merge the forbidden stretches of each place into blocks and list the windows between them, within reach."""
+    def windows(self, lattice: EgoLattice, places: Sequence[Place]) -> list[Windows]:
+        """Merge the forbidden stretches of each place into blocks and list the windows between them, within reach.
+
+        Returns:
+            The windows of each step 1..H.
+        """
         if not places:
-            return []
+            none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, len(self.vehicle)), dtype=np.float32)
+            return [Windows(none, none, none, nobody, nobody, np.zeros((4, 0)), np.zeros(0))] * lattice.steps
         hard, soft = zip(*(self.stretches[lattice.speed_at(*place.level)] for place in places), strict=True)
-        ks = [place.k for place in places]
-        # One row for each footprint of each place, and one state for each lane state of each place.
-        rows = np.cumsum([0, *(len(place.lanes.occupied) for place in places)])
-        layer = np.repeat(np.arange(len(places)), np.diff(rows))
-        state_layer = np.repeat(np.arange(len(places)), [len(place.lanes.footprint) for place in places])
-        state_row = np.concatenate([row + p.lanes.footprint for row, p in zip(rows.tolist(), places, strict=False)])
-        state_number = np.concatenate([np.arange(len(place.lanes.footprint)) for place in places])
-        closed = np.concatenate([place.closed for place in places])
-        member: BoolArray = np.concatenate([place.lanes.occupied @ self.occupied[:, place.k].T for place in places])
-        merged = merge(_of_steps([s.low for s in hard], ks), _of_steps([s.high for s in hard], ks), member, layer)
-        numbers = np.cumsum(merged.first, axis=1) - 1
-        block = np.empty(member.shape, dtype=np.int64)
-        block.reshape(-1)[merged.spot] = np.where(merged.member, numbers[:, :-1], -1)
-
-        state, gap = np.nonzero(merged.first[state_row])
-        row, at = state_row[state], state_layer[state]
+        ks = np.array([place.k for place in places])
+        layout = _layout(tuple(place.lanes for place in places))
+        of_rows = self.occupied.T.take(ks[layout.layer], axis=1)
+        member = np.logical_or.reduce(layout.occupied.T[:, :, None] & of_rows, axis=0)
+        merged = merge(
+            _of_steps([s.low for s in hard], ks), _of_steps([s.high for s in hard], ks), member, layout.layer
+        )
+        # Flat: that is much faster than np.nonzero in two dimensions.
+        begins = merged.first.take(layout.state_row, axis=0)
+        state, gap = np.divmod(np.flatnonzero(begins), begins.shape[1])
+        row, at = layout.state_row[state], layout.state_layer[state]
         ends = np.empty((4, len(state)))
         ends[0], ends[1] = merged.reach[row, gap], merged.low[at, gap]
         relaxed = hard[0] is not soft[0]
         if relaxed:
             # Within a window the worst distance to all that is behind, and to all that is ahead, counts.
             far, near = (
-                np.take_along_axis(_of_steps(bounds, ks), merged.order, axis=1)[layer]
+                np.take_along_axis(_of_steps(bounds, ks), merged.order, axis=1)[layout.layer]
                 for bounds in ([s.high for s in soft], [s.low for s in soft])
             )
             behind = running(np.maximum, np.where(merged.member, far, -np.inf), -np.inf)
@@ -253,39 +263,74 @@ class Traffic:
         else:
             ends[2:] = ends[:2]
         # Metres beyond a line are counted from the line itself too.
-        closed = closed if relaxed else closed + DISTANCE_TOLERANCE
+        closed = np.concatenate([place.closed for place in places]) + (0.0 if relaxed else DISTANCE_TOLERANCE)
         ends[3] = np.minimum(ends[3], closed[state])
         if not relaxed:
             ends[1] = ends[3]
-        drift = np.array([lattice.drift(k + 1) for k in ks])
+        drift = np.array([lattice.drift(place.k + 1) for place in places])
         units = _clipped_units(lattice, drift[at], ends, np.array([place.reach for place in places]).T[:, at])
-        stops = (closed - drift[state_layer]) / lattice.unit
-        matters = (np.array(ks) + 1 == lattice.steps)[state_layer] & (stops < farthest_stop(lattice))
+        stops = (closed - drift[layout.state_layer]) / lattice.unit
+        matters = (ks + 1 == lattice.steps)[layout.state_layer] & (stops < farthest_stop(lattice))
         stop_high = np.where(matters, stops, np.inf)
 
         kept = np.flatnonzero(units[0] <= units[1])
-        ends_of = np.cumsum([0, *np.bincount(at[kept], minlength=len(places)).tolist()])
-        found = []
-        for j, place in enumerate(places):
-            mine = kept[ends_of[j] : ends_of[j + 1]]
-            found.append(
-                Cut(
-                    level=place.level,
-                    order=merged.order[j],
-                    block=block[rows[j] : rows[j + 1]],
-                    state=state_number[state[mine]],
-                    place=gap[mine],
-                    number=numbers[row[mine], gap[mine]],
-                    bounds=units[:, mine],
-                    stop_high=stop_high[state[mine]],
-                )
-            )
-        return found
+        kept = kept[np.lexsort((layout.state_number[state[kept]], ks[at[kept]]))]
+        state, at, gap = state[kept], at[kept], gap[kept]
+        shares = member.take(row[kept], axis=0)
+        behind = shares & (merged.rank.take(at, axis=0) < gap[:, None])
+        level, phase = np.array([place.level for place in places])[at].T
+        windows = Windows(
+            state=layout.state_number[state],
+            level=level,
+            phase=phase,
+            behind=behind.astype(np.float32),
+            ahead=(shares & ~behind).astype(np.float32),
+            bounds=units[:, kept],
+            stop_high=stop_high[state],
+        )
+        ends_of = np.searchsorted(ks[at], np.arange(lattice.steps + 1)).tolist()
+        return [windows.part(slice(begin, end)) for begin, end in pairwise(ends_of)]
 
 
-def _of_steps(bounds: Sequence[FloatArray], ks: Sequence[int]) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """How the lane states of J places lie in common arrays: R footprints of all places and S states.
+
+    Attributes:
+        rows: (J + 1) where the footprints of each place begin.
+        occupied: (R, lanes) which lanes each footprint covers.
+        layer: (R,) whose place each is.
+        state_layer: (S,) whose place each state is.
+        state_row: (S,) the footprint of each.
+        state_number: (S,) its index among those of its place.
+    """
+
+    rows: list[int]
+    occupied: BoolArray
+    layer: IntArray
+    state_layer: IntArray
+    state_row: IntArray
+    state_number: IntArray
+
+
+@lru_cache(maxsize=256)
+def _layout(lanes: tuple[LaneStep, ...]) -> _Layout:
+    """Lay out the lane states of some places; they hang on the ego's present lane state alone."""
+    rows = np.cumsum([0, *(len(step.occupied) for step in lanes)])
+    sizes = [len(step.footprint) for step in lanes]
+    return _Layout(
+        rows=rows.tolist(),
+        occupied=np.concatenate([step.occupied for step in lanes]),
+        layer=np.repeat(np.arange(len(lanes)), np.diff(rows)),
+        state_layer=np.repeat(np.arange(len(lanes)), sizes),
+        state_row=np.concatenate([row + step.footprint for row, step in zip(rows.tolist(), lanes, strict=False)]),
+        state_number=np.concatenate([np.arange(size) for size in sizes]),
+    )
+
+
+def _of_steps(bounds: Sequence[FloatArray], ks: IntArray) -> FloatArray:
     """Return column k of each of J bounds (n, H), shape (J, n)."""
-    return np.array([bound[:, k] for bound, k in zip(bounds, ks, strict=True)])
+    return np.array([bound[:, k] for bound, k in zip(bounds, ks.tolist(), strict=True)])
 
 
 def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches, stretches: list[Stretch]) -> IntArray:
@@ -299,8 +344,9 @@ def _in_reach(problem: DecisionProblem, lattice: EgoLattice, branches: Branches,
     """
     steps = range(1, lattice.steps + 1)
     # One unit more, against rounding.
-    back = np.array([lattice.position_at(k, farthest_points(lattice, k)[0] - 1) for k in steps])
-    front = np.array([lattice.position_at(k, farthest_points(lattice, k)[1] + 1) for k in steps])
+    points = [farthest_points(lattice, k) for k in steps]
+    back = np.array([lattice.position_at(k, low - 1) for k, (low, _) in zip(steps, points, strict=True)])
+    front = np.array([lattice.position_at(k, high + 1) for k, (_, high) in zip(steps, points, strict=True)])
     begins_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[branches.vehicle]
     behind, ahead = ~begins_ahead, begins_ahead
     for stretch in stretches:
