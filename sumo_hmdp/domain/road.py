@@ -3,9 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 # A lane centre that is passed by less, in lane widths, is not passed: sums of small steps are not exact.
 _ON_CENTER = 1e-6
 
@@ -34,11 +31,6 @@ class Road:
         """Return the lane whose strip holds y [m], or the outermost one for a y beside the road."""
         lane = round((self.lane_count + 1) / 2 - y / self.lane_width)
         return min(max(lane, 1), self.lane_count)
-
-    def lanes_at(self, y: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return `lane_at` of many y [m]."""
-        lanes = np.rint((self.lane_count + 1) / 2 - y / self.lane_width).astype(np.int64)
-        return np.minimum(np.maximum(lanes, 1), self.lane_count)
 
     def lane_headed_for(self, y: float, lateral_speed: float) -> int:
         """Return the lane whose centre is reached next, or the lane at y where there is no lateral motion.

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SimulationError
@@ -239,7 +240,7 @@ class Bodies:
         if math.isnan(change.sum()):
             change[:, np.isnan(change[1])] = 0.0
         (x, y, speed), (_, lateral_speed, accel) = now.tolist(), change.tolist()
-        lane, heading = self._road.lanes_at(now[1]).tolist(), self._heading.take(columns).tolist()
+        lane, heading = lanes_at(self._road, now[1]).tolist(), self._heading.take(columns).tolist()
         vehicles, cruise = self._vehicles, Mode.CRUISE
         # Positional: twice as fast, and done for everybody in sight at every step.
         return [

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Decision
 from sumo_hmdp.domain.scene import Scene, VehicleState
@@ -175,7 +176,7 @@ class Recorder:
             "heading_rad": [vehicle.heading for vehicle in vehicles],
             "speed_mps": [vehicle.speed for vehicle in vehicles],
             "accel_mps2": [vehicle.accel for vehicle in vehicles],
-            "lane": self.scenes[0][1].road.lanes_at(y) if vehicles else [],
+            "lane": lanes_at(self.scenes[0][1].road, y) if vehicles else [],
             "intended_lane": [vehicle.lane for vehicle in vehicles],
             "mode": [_LABEL[vehicle.mode] for vehicle in vehicles],
             "length_m": [vehicle.length for vehicle in vehicles],
