@@ -17,13 +17,13 @@ from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.domain.plan import ForbiddenInterval
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray, merge
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneStep, lane_steps, occupied_lanes
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
 from sumo_hmdp.planning.windows import (
-    BoolArray,
     Clearances,
     Level,
     Place,
@@ -31,7 +31,6 @@ from sumo_hmdp.planning.windows import (
     Traffic,
     Windows,
     farthest_points,
-    merge,
 )
 
 

@@ -7,20 +7,20 @@ behind, or ahead, of everything that the ego can reach are left out beforehand: 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray, merge, running
 from sumo_hmdp.planning.distance import Clearance
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneStep, occupied_lanes, shares_lane
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.stop_lines import farthest_stop
 
-BoolArray = NDArray[np.bool_]
 Level = tuple[int, int]
 # 0 or 1, as floats: a product of two counts pairs, and only floats are multiplied fast.
 Sides = NDArray[np.float32]
@@ -40,60 +40,6 @@ class Clearances:
 
     safe: Callable[[float], Clearance]
     hard: Callable[[float], Clearance]
-
-
-@dataclass(frozen=True)
-class Merged:
-    """Stretches merged into blocks, in J layers of n stretches, for R sets of lanes.
-
-    Attributes:
-        order: (J, n) the stretches of each layer by their lower end.
-        low: (J, n + 1) lower ends in that order, then infinity.
-        rank: (J, n) where in that order each stretch is.
-        member: (R, n) which stretches belong to each set, in the order of its layer.
-        first: (R, n + 1) whether a stretch in that order begins a block; true at the end, where a last one would.
-        reach: (R, n + 1) how far those before it reach; minus infinity before the first block.
-    """
-
-    order: IntArray
-    low: FloatArray
-    rank: IntArray
-    member: BoolArray
-    first: BoolArray
-    reach: FloatArray
-
-
-def merge(low: FloatArray, high: FloatArray, member: BoolArray, layer: IntArray) -> Merged:
-    """Merge stretches.
-
-    Args:
-        low: (J, n) lower ends.
-        high: (J, n) upper ends.
-        member: (R, n) which of them belong to each set of lanes.
-        layer: (R,) the layer of each set.
-    """
-    layers, count = low.shape
-    order = np.argsort(low, axis=1, kind="stable")
-    rank = np.empty_like(order)
-    # Flat: NumPy's functions along an axis build index arrays that cost more than all else here.
-    of_layers = order + count * np.arange(layers)[:, None]
-    rank.reshape(-1)[of_layers] = np.arange(count)
-    high = high.take(of_layers)
-    ends = np.full((layers, count + 1), np.inf)
-    ends[:, :-1] = low.take(of_layers)
-    member = member.take(order.take(layer, axis=0) + count * np.arange(len(layer))[:, None])
-    reach = running(np.maximum, np.where(member, high[layer], -np.inf), -np.inf)
-    first = np.ones(reach.shape, dtype=bool)
-    first[:, :-1] = member & (ends[layer, :-1] >= reach[:, :-1])
-    return Merged(order, ends, rank, member, first, reach)
-
-
-def running(extreme: np.ufunc, values: FloatArray, of_none: float) -> FloatArray:
-    """Return the extreme of all values before each place and of all of them, (U, n) to (U, n + 1)."""
-    result = np.empty((values.shape[0], values.shape[1] + 1))
-    result[:, 0] = of_none
-    extreme.accumulate(values, axis=1, out=result[:, 1:])
-    return result
 
 
 @dataclass(frozen=True)
@@ -297,7 +243,6 @@ class _Layout:
     """How the lane states of J places lie in common arrays: R footprints of all places and S states.
 
     Attributes:
-        rows: (J + 1) where the footprints of each place begin.
         occupied: (R, lanes) which lanes each footprint covers.
         layer: (R,) whose place each is.
         state_layer: (S,) whose place each state is.
@@ -305,7 +250,6 @@ class _Layout:
         state_number: (S,) its index among those of its place.
     """
 
-    rows: list[int]
     occupied: BoolArray
     layer: IntArray
     state_layer: IntArray
@@ -316,14 +260,15 @@ class _Layout:
 @lru_cache(maxsize=256)
 def _layout(lanes: tuple[LaneStep, ...]) -> _Layout:
     """Lay out the lane states of some places; they hang on the ego's present lane state alone."""
-    rows = np.cumsum([0, *(len(step.occupied) for step in lanes)])
+    rows = [len(step.occupied) for step in lanes]
     sizes = [len(step.footprint) for step in lanes]
     return _Layout(
-        rows=rows.tolist(),
         occupied=np.concatenate([step.occupied for step in lanes]),
-        layer=np.repeat(np.arange(len(lanes)), np.diff(rows)),
+        layer=np.repeat(np.arange(len(lanes)), rows),
         state_layer=np.repeat(np.arange(len(lanes)), sizes),
-        state_row=np.concatenate([row + step.footprint for row, step in zip(rows.tolist(), lanes, strict=False)]),
+        state_row=np.concatenate(
+            [top + step.footprint for top, step in zip(accumulate(rows, initial=0), lanes, strict=False)]
+        ),
         state_number=np.concatenate([np.arange(size) for size in sizes]),
     )
 
