@@ -168,9 +168,9 @@ def _stage(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) 
 
 def _openings(windows: Windows) -> IntArray:
     """Number the openings of a step and return that of each window."""
-    behind = windows.behind > 0
-    signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
-    found = list(zip(windows.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True))
+    counts = np.bitwise_count(windows.behind).sum(axis=1)
+    signatures = (bits.tobytes() for bits in windows.behind)
+    found = list(zip(windows.state.tolist(), counts.tolist(), signatures, strict=True))
     # From behind to ahead in each lane state, as the windows are.
     numbers = {opening: number for number, opening in enumerate(sorted(set(found)))}
     return np.array([numbers[opening] for opening in found], dtype=np.int64)
@@ -181,7 +181,9 @@ def _moves(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) 
 
     Every branch that shares a lane with the ego before and after must be on the same side of it.
     """
-    passed = before.behind @ after.ahead.T + before.ahead @ after.behind.T
+    overtaken = before.ahead.T[:, :, None] & after.behind.T[:, None]
+    overtaking = before.behind.T[:, :, None] & after.ahead.T[:, None]
+    passed = np.bitwise_or.reduce(overtaken | overtaking, axis=0)
     moves: BoolArray = lanes.move[before.state[:, None], after.state] & (passed == 0)
     if levelled:
         moves &= np.abs(after.level - before.level[:, None]) <= 1

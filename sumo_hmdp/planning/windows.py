@@ -22,8 +22,8 @@ from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.stop_lines import farthest_stop
 
 Level = tuple[int, int]
-# 0 or 1, as floats: a product of two counts pairs, and only floats are multiplied fast.
-Sides = NDArray[np.float32]
+# A set of branches, one bit each.
+Bits = NDArray[np.uint64]
 
 # A bound in lattice units that a position meets up to rounding is met.
 UNIT_TOLERANCE = 1e-9
@@ -94,8 +94,8 @@ class Windows:
         state: (W,) index of the lane state.
         level: (W,) speed level.
         phase: (W,) phase of that speed level.
-        behind: (W, n) 1 where a branch shares a lane with the state and is behind the window, else 0.
-        ahead: (W, n) likewise ahead of it.
+        behind: (W, n / 64) the branches that share a lane with the state and are behind the window.
+        ahead: (W, n / 64) likewise ahead of it.
         bounds: (4, W) low, high, soft_low and soft_high.
         stop_high: (W,).
     """
@@ -103,8 +103,8 @@ class Windows:
     state: IntArray
     level: IntArray
     phase: IntArray
-    behind: Sides
-    ahead: Sides
+    behind: Bits
+    ahead: Bits
     bounds: FloatArray
     stop_high: FloatArray
 
@@ -169,8 +169,8 @@ class Traffic:
         """Describe step 0 like a step with a single window, where the ego is."""
         shares = shares_lane(problem, branches, lanes.states[0])[self.vehicle]
         is_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[self.vehicle]
-        behind, ahead = ((shares & side)[None].astype(np.float32) for side in (~is_ahead, is_ahead))
         zero = np.zeros(1, dtype=np.int64)
+        behind, ahead = _bits((shares & ~is_ahead)[None]), _bits((shares & is_ahead)[None])
         return Windows(zero, zero, zero, behind, ahead, np.zeros((4, 1)), np.full(1, np.inf))
 
     def windows(self, lattice: EgoLattice, places: Sequence[Place]) -> list[Windows]:
@@ -180,7 +180,7 @@ class Traffic:
             The windows of each step 1..H.
         """
         if not places:
-            none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, len(self.vehicle)), dtype=np.float32)
+            none, nobody = np.zeros(0, dtype=np.int64), _bits(np.zeros((0, len(self.vehicle)), dtype=bool))
             return [Windows(none, none, none, nobody, nobody, np.zeros((4, 0)), np.zeros(0))] * lattice.steps
         hard, soft = zip(*(self.stretches[lattice.speed_at(*place.level)] for place in places), strict=True)
         ks = np.array([place.k for place in places])
@@ -229,8 +229,8 @@ class Traffic:
             state=layout.state_number[state],
             level=level,
             phase=phase,
-            behind=behind.astype(np.float32),
-            ahead=(shares & ~behind).astype(np.float32),
+            behind=_bits(behind),
+            ahead=_bits(shares & ~behind),
             bounds=units[:, kept],
             stop_high=stop_high[state],
         )
@@ -271,6 +271,14 @@ def _layout(lanes: tuple[LaneStep, ...]) -> _Layout:
         ),
         state_number=np.concatenate([np.arange(size) for size in sizes]),
     )
+
+
+def _bits(members: BoolArray) -> Bits:
+    """Return W sets of branches, (W, n), as bits."""
+    count, n = members.shape
+    padded = np.zeros((count, -(-n // 64) * 64), dtype=bool)
+    padded[:, :n] = members
+    return np.packbits(padded, axis=1).view(np.uint64)
 
 
 def _of_steps(bounds: Sequence[FloatArray], ks: IntArray) -> FloatArray:
