@@ -15,9 +15,10 @@ from sumo_hmdp.domain.plan import PlanStep, Status
 from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.hmdp.policy import action_probabilities
 from sumo_hmdp.planning.cost import baseline_action, stage_cost
-from sumo_hmdp.planning.decide import Answer, lanes_shared, make_plan, missing_distances
+from sumo_hmdp.planning.decide import Answer, make_plan
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import shares_lane
+from sumo_hmdp.planning.plan_distances import lanes_shared, missing_distances
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.planning.stop_lines import line_shortfalls, place_of
 

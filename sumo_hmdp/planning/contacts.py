@@ -10,12 +10,13 @@ import numpy as np
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import LaneState
+from sumo_hmdp.planning.blocks import BoolArray
 from sumo_hmdp.planning.decide import Answer
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import Motion
 from sumo_hmdp.planning.occupancy import lanes_now, occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
-from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
+from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 
 @dataclass(frozen=True)

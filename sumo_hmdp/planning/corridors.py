@@ -17,13 +17,13 @@ from sumo_hmdp.domain.occupancy import LaneState
 from sumo_hmdp.domain.plan import ForbiddenInterval
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray, merge
 from sumo_hmdp.planning.distance import Clearance, contact_clearance, safe_clearance
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneStep, lane_steps, occupied_lanes
 from sumo_hmdp.planning.problem import DecisionProblem
 from sumo_hmdp.planning.stop_lines import closed_from, closed_stretches
 from sumo_hmdp.planning.windows import (
-    BoolArray,
     Clearances,
     Level,
     Place,
@@ -31,7 +31,6 @@ from sumo_hmdp.planning.windows import (
     Traffic,
     Windows,
     farthest_points,
-    merge,
 )
 
 
@@ -169,9 +168,9 @@ def _stage(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) 
 
 def _openings(windows: Windows) -> IntArray:
     """Number the openings of a step and return that of each window."""
-    behind = windows.behind > 0
-    signatures = (bits.tobytes() for bits in np.packbits(behind, axis=1))
-    found = list(zip(windows.state.tolist(), behind.sum(axis=1).tolist(), signatures, strict=True))
+    counts = np.bitwise_count(windows.behind).sum(axis=1)
+    signatures = (bits.tobytes() for bits in windows.behind)
+    found = list(zip(windows.state.tolist(), counts.tolist(), signatures, strict=True))
     # From behind to ahead in each lane state, as the windows are.
     numbers = {opening: number for number, opening in enumerate(sorted(set(found)))}
     return np.array([numbers[opening] for opening in found], dtype=np.int64)
@@ -182,7 +181,9 @@ def _moves(before: Windows, after: Windows, lanes: LaneStep, *, levelled: bool) 
 
     Every branch that shares a lane with the ego before and after must be on the same side of it.
     """
-    passed = before.behind @ after.ahead.T + before.ahead @ after.behind.T
+    overtaken = before.ahead.T[:, :, None] & after.behind.T[:, None]
+    overtaking = before.behind.T[:, :, None] & after.ahead.T[:, None]
+    passed = np.bitwise_or.reduce(overtaken | overtaking, axis=0)
     moves: BoolArray = lanes.move[before.state[:, None], after.state] & (passed == 0)
     if levelled:
         moves &= np.abs(after.level - before.level[:, None]) <= 1

@@ -12,8 +12,8 @@ import numpy as np
 
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray
 from sumo_hmdp.planning.corridors import Corridors, Stage
-from sumo_hmdp.planning.windows import BoolArray
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import numpy as np
 from sumo_hmdp.domain.plan import PlanBound, PlanStep
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
-from sumo_hmdp.planning.decide import Answer, shortfalls
+from sumo_hmdp.planning.decide import Answer
+from sumo_hmdp.planning.plan_distances import shortfalls
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.stop_lines import line_shortfalls
 

@@ -15,6 +15,7 @@ from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.hmdp.branches import IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray
 from sumo_hmdp.planning.corridors import Corridors
 from sumo_hmdp.planning.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.planning.distance import counted
@@ -28,7 +29,7 @@ from sumo_hmdp.planning.problem import (
     Preferences,
 )
 from sumo_hmdp.planning.stop_lines import stopping_distance
-from sumo_hmdp.planning.windows import UNIT_TOLERANCE, BoolArray
+from sumo_hmdp.planning.windows import UNIT_TOLERANCE
 
 Maneuver = tuple[Lateral, Mode]
 

@@ -7,23 +7,23 @@ behind, or ahead, of everything that the ego can reach are left out beforehand: 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_hmdp.hmdp.branches import Branches, IntArray
 from sumo_hmdp.hmdp.dynamics import FloatArray
+from sumo_hmdp.planning.blocks import BoolArray, merge, running
 from sumo_hmdp.planning.distance import Clearance
 from sumo_hmdp.planning.lattice import EgoLattice
 from sumo_hmdp.planning.occupancy import LaneStep, occupied_lanes, shares_lane
 from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.planning.stop_lines import farthest_stop
 
-BoolArray = NDArray[np.bool_]
 Level = tuple[int, int]
-# 0 or 1, as floats: a product of two counts pairs, and only floats are multiplied fast.
-Sides = NDArray[np.float32]
+# A set of branches, one bit each.
+Bits = NDArray[np.uint64]
 
 # A bound in lattice units that a position meets up to rounding is met.
 UNIT_TOLERANCE = 1e-9
@@ -40,60 +40,6 @@ class Clearances:
 
     safe: Callable[[float], Clearance]
     hard: Callable[[float], Clearance]
-
-
-@dataclass(frozen=True)
-class Merged:
-    """Stretches merged into blocks, in J layers of n stretches, for R sets of lanes.
-
-    Attributes:
-        order: (J, n) the stretches of each layer by their lower end.
-        low: (J, n + 1) lower ends in that order, then infinity.
-        rank: (J, n) where in that order each stretch is.
-        member: (R, n) which stretches belong to each set, in the order of its layer.
-        first: (R, n + 1) whether a stretch in that order begins a block; true at the end, where a last one would.
-        reach: (R, n + 1) how far those before it reach; minus infinity before the first block.
-    """
-
-    order: IntArray
-    low: FloatArray
-    rank: IntArray
-    member: BoolArray
-    first: BoolArray
-    reach: FloatArray
-
-
-def merge(low: FloatArray, high: FloatArray, member: BoolArray, layer: IntArray) -> Merged:
-    """Merge stretches.
-
-    Args:
-        low: (J, n) lower ends.
-        high: (J, n) upper ends.
-        member: (R, n) which of them belong to each set of lanes.
-        layer: (R,) the layer of each set.
-    """
-    layers, count = low.shape
-    order = np.argsort(low, axis=1, kind="stable")
-    rank = np.empty_like(order)
-    # Flat: NumPy's functions along an axis build index arrays that cost more than all else here.
-    of_layers = order + count * np.arange(layers)[:, None]
-    rank.reshape(-1)[of_layers] = np.arange(count)
-    high = high.take(of_layers)
-    ends = np.full((layers, count + 1), np.inf)
-    ends[:, :-1] = low.take(of_layers)
-    member = member.take(order.take(layer, axis=0) + count * np.arange(len(layer))[:, None])
-    reach = running(np.maximum, np.where(member, high[layer], -np.inf), -np.inf)
-    first = np.ones(reach.shape, dtype=bool)
-    first[:, :-1] = member & (ends[layer, :-1] >= reach[:, :-1])
-    return Merged(order, ends, rank, member, first, reach)
-
-
-def running(extreme: np.ufunc, values: FloatArray, of_none: float) -> FloatArray:
-    """Return the extreme of all values before each place and of all of them, (U, n) to (U, n + 1)."""
-    result = np.empty((values.shape[0], values.shape[1] + 1))
-    result[:, 0] = of_none
-    extreme.accumulate(values, axis=1, out=result[:, 1:])
-    return result
 
 
 @dataclass(frozen=True)
@@ -148,8 +94,8 @@ class Windows:
         state: (W,) index of the lane state.
         level: (W,) speed level.
         phase: (W,) phase of that speed level.
-        behind: (W, n) 1 where a branch shares a lane with the state and is behind the window, else 0.
-        ahead: (W, n) likewise ahead of it.
+        behind: (W, n / 64) the branches that share a lane with the state and are behind the window.
+        ahead: (W, n / 64) likewise ahead of it.
         bounds: (4, W) low, high, soft_low and soft_high.
         stop_high: (W,).
     """
@@ -157,8 +103,8 @@ class Windows:
     state: IntArray
     level: IntArray
     phase: IntArray
-    behind: Sides
-    ahead: Sides
+    behind: Bits
+    ahead: Bits
     bounds: FloatArray
     stop_high: FloatArray
 
@@ -223,8 +169,8 @@ class Traffic:
         """Describe step 0 like a step with a single window, where the ego is."""
         shares = shares_lane(problem, branches, lanes.states[0])[self.vehicle]
         is_ahead = np.array([v.state.x >= problem.ego.x for v in problem.vehicles], dtype=bool)[self.vehicle]
-        behind, ahead = ((shares & side)[None].astype(np.float32) for side in (~is_ahead, is_ahead))
         zero = np.zeros(1, dtype=np.int64)
+        behind, ahead = _bits((shares & ~is_ahead)[None]), _bits((shares & is_ahead)[None])
         return Windows(zero, zero, zero, behind, ahead, np.zeros((4, 1)), np.full(1, np.inf))
 
     def windows(self, lattice: EgoLattice, places: Sequence[Place]) -> list[Windows]:
@@ -234,7 +180,7 @@ class Traffic:
             The windows of each step 1..H.
         """
         if not places:
-            none, nobody = np.zeros(0, dtype=np.int64), np.zeros((0, len(self.vehicle)), dtype=np.float32)
+            none, nobody = np.zeros(0, dtype=np.int64), _bits(np.zeros((0, len(self.vehicle)), dtype=bool))
             return [Windows(none, none, none, nobody, nobody, np.zeros((4, 0)), np.zeros(0))] * lattice.steps
         hard, soft = zip(*(self.stretches[lattice.speed_at(*place.level)] for place in places), strict=True)
         ks = np.array([place.k for place in places])
@@ -283,8 +229,8 @@ class Traffic:
             state=layout.state_number[state],
             level=level,
             phase=phase,
-            behind=behind.astype(np.float32),
-            ahead=(shares & ~behind).astype(np.float32),
+            behind=_bits(behind),
+            ahead=_bits(shares & ~behind),
             bounds=units[:, kept],
             stop_high=stop_high[state],
         )
@@ -297,7 +243,6 @@ class _Layout:
     """How the lane states of J places lie in common arrays: R footprints of all places and S states.
 
     Attributes:
-        rows: (J + 1) where the footprints of each place begin.
         occupied: (R, lanes) which lanes each footprint covers.
         layer: (R,) whose place each is.
         state_layer: (S,) whose place each state is.
@@ -305,7 +250,6 @@ class _Layout:
         state_number: (S,) its index among those of its place.
     """
 
-    rows: list[int]
     occupied: BoolArray
     layer: IntArray
     state_layer: IntArray
@@ -316,16 +260,25 @@ class _Layout:
 @lru_cache(maxsize=256)
 def _layout(lanes: tuple[LaneStep, ...]) -> _Layout:
     """Lay out the lane states of some places; they hang on the ego's present lane state alone."""
-    rows = np.cumsum([0, *(len(step.occupied) for step in lanes)])
+    rows = [len(step.occupied) for step in lanes]
     sizes = [len(step.footprint) for step in lanes]
     return _Layout(
-        rows=rows.tolist(),
         occupied=np.concatenate([step.occupied for step in lanes]),
-        layer=np.repeat(np.arange(len(lanes)), np.diff(rows)),
+        layer=np.repeat(np.arange(len(lanes)), rows),
         state_layer=np.repeat(np.arange(len(lanes)), sizes),
-        state_row=np.concatenate([row + step.footprint for row, step in zip(rows.tolist(), lanes, strict=False)]),
+        state_row=np.concatenate(
+            [top + step.footprint for top, step in zip(accumulate(rows, initial=0), lanes, strict=False)]
+        ),
         state_number=np.concatenate([np.arange(size) for size in sizes]),
     )
+
+
+def _bits(members: BoolArray) -> Bits:
+    """Return W sets of branches, (W, n), as bits."""
+    count, n = members.shape
+    padded = np.zeros((count, -(-n // 64) * 64), dtype=bool)
+    padded[:, :n] = members
+    return np.packbits(padded, axis=1).view(np.uint64)
 
 
 def _of_steps(bounds: Sequence[FloatArray], ks: IntArray) -> FloatArray:
