@@ -207,20 +207,22 @@ def _incentives(
     scene: _Scene, rule: LaneChangeRule, politeness: FloatArray, side: IntArray, changer: IntArray
 ) -> FloatArray:
     """Return the incentive of every candidate [m/s2], minus infinity where the change is not safe."""
-    here = scene.lane[changer] - 1
+    here = scene.lane.take(changer) - 1
     there = here + 2 * side - 1
-    ahead_here, ahead_there = scene.near.ahead[here, changer], scene.near.ahead[there, changer]
-    old, new = scene.near.behind[here, changer], scene.near.behind[there, changer]
+    # Places in the tables of lanes by vehicles, read row after row.
+    place_here, place_there = (lane * len(scene.lane) + changer for lane in (here, there))
+    ahead_here, ahead_there = scene.near.ahead.take(place_here), scene.near.ahead.take(place_there)
+    old, new = scene.near.behind.take(place_here), scene.near.behind.take(place_there)
     followers = np.array([changer, changer, old, old, new, new])
     leaders = np.array([ahead_here, ahead_there, changer, ahead_here, ahead_there, changer])
     bare = scene.accel(followers, leaders)
     stay, go, old_now, old_then, new_now, new_then = scene.accel_before_end(
         bare, followers, np.array([here, there, here, here, there, there])
     )
-    gap_ahead = scene.rear[ahead_there] - scene.front[changer]
+    gap_ahead = scene.rear.take(ahead_there) - scene.front.take(changer)
     if scene.end_gap is not None:
         gap_ahead = np.minimum(gap_ahead, scene.end_gap[there, changer])
-    gap_behind = scene.rear[changer] - scene.front[new]
+    gap_behind = scene.rear.take(changer) - scene.front.take(new)
     safe = (np.minimum(gap_ahead, gap_behind) >= rule.least_gap) & (bare[5] >= -rule.safe_decel)
     safe &= go >= np.minimum(-rule.safe_decel, stay)
     if rule.passing is Passing.LEFT_ONLY:
@@ -230,7 +232,7 @@ def _incentives(
     else:
         others = new_then - new_now + old_then - old_now
         own = go - stay
-    incentive = own + politeness[changer] * others + rule.right_bias * (2 * side - 1)
+    incentive = own + politeness.take(changer) * others + rule.right_bias * (2 * side - 1)
     return np.where(safe, incentive, -np.inf)
 
 

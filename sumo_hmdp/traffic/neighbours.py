@@ -51,7 +51,7 @@ def find_neighbours(
     # A sum is finite where every term is.
     if not (math.isfinite(x.sum()) and _within(lane, 1, lane_count) and _within(second_lane, 0, lane_count)):
         raise InputError([_mistake(x, lane, second_lane, lane_count)])
-    order = np.argsort(x, kind="stable")
+    order = x.argsort(kind="stable")
     place = np.arange(count)
     rank = np.empty_like(order)
     rank[order] = place
@@ -60,16 +60,18 @@ def find_neighbours(
     # Row 0 takes those without a second lane, and is left out from here on.
     there[second_lane, rank] = True
     there = there[1:]
-    ahead = np.full((lane_count, count + 1), count)
-    behind = np.full((lane_count, count + 1), -1)
-    by_rear = place if length is None else np.argsort((x - length)[order], kind="stable")
+    by_rear = place if length is None else (x - length).take(order).argsort(kind="stable")
     rear_rank = np.empty_like(place)
     rear_rank[by_rear] = place
-    ahead[:, :count] = np.minimum.accumulate(np.where(there, rear_rank, count)[:, ::-1], axis=1)[:, ::-1]
-    behind[:, 1:] = np.maximum.accumulate(np.where(there, place, -1), axis=1)
-    # Column r of `ahead` still counts the vehicle of rank r itself, column r of `behind` ends before it.
     # Both -1 and n select the last entry, which stands for nobody.
-    leaders, followers = np.append(order[by_rear], count), np.append(order, count)
+    leaders, followers = np.empty(count + 1, dtype=np.intp), np.empty(count + 1, dtype=np.intp)
+    leaders[:-1], followers[:-1] = order.take(by_rear), order
+    leaders[-1] = followers[-1] = count
+    ahead, behind = np.empty((2, lane_count, count + 1), dtype=np.intp)
+    ahead[:, -1], behind[:, 0] = count, -1
+    np.minimum.accumulate(np.where(there, rear_rank, count)[:, ::-1], axis=1, out=ahead[:, -2::-1])
+    np.maximum.accumulate(np.where(there, place, -1), axis=1, out=behind[:, 1:])
+    # Column r of `ahead` still counts the vehicle of rank r itself, column r of `behind` ends before it.
     # `take` is several times as fast as indexing here.
     return Neighbours(
         leaders.take(ahead.take(rank + 1, axis=1)), followers.take(behind.take(rank, axis=1), mode="wrap"), rank
