@@ -197,7 +197,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def _versions() -> dict[str, str]:
-    packages = ("pyomo", "numpy", "scipy", "osqp")
+    packages = ("pyomo", "numpy", "scipy", "piqp")
     return {
         "sumo_hmdp": version("sumo-hmdp"),
         "sumo": sumo_version(),

@@ -50,7 +50,7 @@ def test_the_wheel_offers_the_command(wheel):
     assert "sumo-hmdp = sumo_hmdp.cli:main" in wheel.read(entry_points).decode()
 
 
-HEAVY = ("pyomo", "highspy", "pandas", "pyarrow", "libsumo", "scipy", "osqp", "jinja2", "numpy")
+HEAVY = ("pyomo", "highspy", "pandas", "pyarrow", "libsumo", "scipy", "piqp", "jinja2", "numpy")
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["--version"]], ids=" ".join)
