@@ -160,7 +160,6 @@ class _Tree(NamedTuple):
     modes: IntArray
 
 
-@lru_cache(maxsize=16)
 def _no_tree(steps: int) -> _Tree:
     """Return no sequence at all; what is joined to it has the right shape and type."""
     nothing = np.zeros((steps, 0), dtype=np.int64)

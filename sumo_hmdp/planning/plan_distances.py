@@ -16,7 +16,7 @@ from sumo_hmdp.planning.problem import DecisionProblem
 def missing_distances(
     problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
 ) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Compare a plan with all branches, whichever lanes they are in.
+    """Compare a plan of H steps with all branches, whichever lanes they are in.
 
     Returns:
         Whether the ego is ahead of each branch at each step, and the metres that are missing to their distance, not
@@ -29,7 +29,7 @@ def missing_distances(
 
 
 def lanes_shared(problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches) -> NDArray[np.bool_]:
-    """Tell which branches take up any lane that the ego does, at each step of a plan, (B, H)."""
+    """Tell which branches take up any lane that the ego does, at each step of a plan of H steps, (B, H)."""
     own = lanes_along(problem, tuple(step.lateral for step in plan))
     return np.asarray((occupied_lanes(problem, branches).T & own.T[:, :, None]).any(axis=0)).T
 
@@ -37,7 +37,7 @@ def lanes_shared(problem: DecisionProblem, plan: Sequence[PlanStep], branches: B
 def shortfalls(
     problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
 ) -> Iterator[tuple[int, NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
-    """Yield per step of a plan what is missing to the safe distance of every branch that shares a lane with it.
+    """Yield per step what a plan of H steps, or none, lacks to the safe distance of each branch that shares its lanes.
 
     Yields:
         Step index k, rows of the branches, whether the ego is ahead of each, and the metres that are missing, not

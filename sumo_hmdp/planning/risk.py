@@ -104,13 +104,7 @@ def margins(branches: Branches, settings: PlannerSettings) -> FloatArray:
     Raises:
         RiskBudgetError: as `tail_probabilities`.
     """
-    if settings.risk_allocation is RiskAllocation.MIXTURE:
-        return _margins(tail_probabilities(branches, settings), branches.x_std.T.take(branches.vehicle, axis=1).T)
-    # All branches of a vehicle have the same.
-    return _margins(_vehicle_shares(branches, settings), branches.x_std).T.take(branches.vehicle, axis=1).T
-
-
-def _margins(tails: FloatArray, deviations: FloatArray) -> FloatArray:
-    """Return the margins of N tails (N,) at N standard deviations (N, H) [m]."""
-    quantiles = -ndtri(np.minimum(tails, LARGEST_TAIL))
-    return np.asarray(np.maximum(quantiles, 0.0)[:, None] * deviations)
+    quantiles = np.maximum(-ndtri(np.minimum(tail_probabilities(branches, settings), LARGEST_TAIL)), 0.0)
+    # Step by step in memory, as the branches are.
+    deviations = branches.x_std.T.take(branches.vehicle, axis=1)
+    return np.asarray(quantiles * deviations).T

@@ -259,7 +259,7 @@ class _Layout:
 
 @lru_cache(maxsize=256)
 def _layout(lanes: tuple[LaneStep, ...]) -> _Layout:
-    """Lay out the lane states of some places; they hang on the ego's present lane state alone."""
+    """Lay out the lane states of some places, which are often the same from one decision to the next."""
     rows = [len(step.occupied) for step in lanes]
     sizes = [len(step.footprint) for step in lanes]
     return _Layout(

@@ -4,7 +4,7 @@ Nothing here imports SUMO: the module that talks to it comes in as an argument.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,8 @@ Columns = slice | IntArray
 # What is due at a time is not missed for its rounding [s].
 SOON = 1e-6
 _ALL = slice(None)
+# The arrays of `Bodies` with one column a vehicle.
+_COLUMNS = ("rows", "now", "_last", "traits", "lane", "origin", "arrives", "_heading", "_has_course", "_begun")
 # Who moves less in a step has no course [m].
 _STANDS = 1e-3
 # From the rear axle to the front bumper, as a share of the length.
@@ -69,7 +71,6 @@ class Bodies:
         arrives: (n,) when its last lane change ends [s], or when it came.
         traits: (8, n) as `traits_of` gives them.
         contacts: pairs of names of vehicles that have overlapped so far, which must stay empty.
-        change_count: lane changes begun so far.
     """
 
     def __init__(self, sumo: Any, network: Network, dt: float, spawns: Sequence[Spawn]) -> None:  # noqa: ANN401
@@ -95,7 +96,6 @@ class Bodies:
         self._names: list[str] = []
         self._on_road: Columns = _ALL
         self.contacts: set[tuple[str, str]] = set()
-        self.change_count = 0
 
     def enter(self, rows: Sequence[int], admitted: Sequence[Spawn], arrives: float) -> None:
         """Add who comes at the end of the coming step.
@@ -110,33 +110,38 @@ class Bodies:
             nowhere if spawn.entry is not None else (spawn.x, self._road.center_y(spawn.lane), spawn.speed)
             for spawn in admitted
         ]
-        count, more = len(rows), np.array(rows, dtype=np.int64)
         lane = np.array([spawn.lane for spawn in admitted], dtype=np.int64)
-        self.rows = np.append(self.rows, more)
-        self.now = np.append(self.now, np.array(places).T, axis=1)
-        self._last = np.append(self._last, np.full((3, count), math.nan), axis=1)
-        self.traits = np.append(self.traits, self._all_traits[:, more], axis=1)
-        self.lane, self.origin = np.append(self.lane, lane), np.append(self.origin, lane)
-        self.arrives = np.append(self.arrives, np.full(count, arrives))
-        self._heading = np.append(self._heading, np.zeros(count))
-        self._has_course = np.append(self._has_course, np.zeros(count, dtype=bool))
-        self._begun = np.append(self._begun, np.zeros(count, dtype=bool))
-        self._settle()
+        count, nobody_begins = len(rows), np.zeros(len(rows), dtype=bool)
+        self._set(
+            {
+                name: np.concatenate([getattr(self, name), more], axis=-1)
+                for name, more in (
+                    ("rows", np.array(rows, dtype=np.int64)),
+                    ("now", np.array(places).T),
+                    ("_last", np.full((3, count), math.nan)),
+                    ("traits", self._all_traits[:, rows]),
+                    ("lane", lane),
+                    ("origin", lane),
+                    ("arrives", np.full(count, arrives)),
+                    ("_heading", np.zeros(count)),
+                    ("_has_course", nobody_begins),
+                    ("_begun", nobody_begins),
+                )
+            }
+        )
+        self._on_road = self._find_on_road()
 
     def _leave(self, stays: BoolArray) -> None:
-        """Drop who does not stay."""
-        self.rows, self.lane, self.origin = self.rows[stays], self.lane[stays], self.origin[stays]
-        self.now, self._last, self.traits = self.now[:, stays], self._last[:, stays], self.traits[:, stays]
-        self.arrives, self._heading = self.arrives[stays], self._heading[stays]
-        self._has_course, self._begun = self._has_course[stays], self._begun[stays]
-        self._settle()
+        """Drop who does not stay; who is on the road is found again when everybody has been read."""
+        self._set({name: getattr(self, name)[..., stays] for name in _COLUMNS})
 
-    def _settle(self) -> None:
-        """Note what follows from who is there."""
+    def _set(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        """Take new columns, all of them, and what follows from who is there."""
+        for name in _COLUMNS:
+            setattr(self, name, columns[name])
         self._vehicles = [self._spawns[row] for row in self.rows.tolist()]
         self._names = [spawn.id for spawn in self._vehicles]
         self._levers = _LEVER * self.traits[0]
-        self._on_road = self._find_on_road()
 
     def begin_change(self, column: int, lane: int, arrives: float) -> None:
         """Note that a vehicle has been told to change to a lane, where it arrives at a time [s]."""
@@ -192,7 +197,6 @@ class Bodies:
         if self._begun.any():
             refused = self._begun & (np.abs(self.now[1] - self._last[1]) < _STANDS)
             self.lane[refused], self.arrives[refused] = self.origin[refused], time
-            self.change_count += int(self._begun.sum() - refused.sum())
             self._begun[:] = False
         np.copyto(self.origin, self.lane, where=self.arrives <= time + SOON)
 

@@ -149,7 +149,7 @@ def give_way(vehicles: Vehicles, asked: IntArray, willing: BoolArray, keep: floa
 
 
 def _behind_leaders(vehicles: Vehicles, rear: FloatArray, own: FloatArray, driver: IntArray) -> FloatArray:
-    """Return how drivers accelerate behind the leaders in their own lanes [m/s2]."""
+    """Return how drivers accelerate behind the leaders in their own lanes, as `find_neighbours` has them [m/s2]."""
     if not len(driver):
         return np.empty(0)
     lane_count = int(max(vehicles.lane.max(), vehicles.second_lane.max()))

@@ -181,7 +181,7 @@ def _ramp_integral(start: float, slope: float, upper: float, t: FloatArray) -> F
     if slope == 0 or (slope > 0 and start >= upper):
         return np.asarray(t * min(start, upper))
     to_upper, to_zero = (upper - start) / slope, -start / slope
-    if slope < 0 and to_upper >= t.max():
+    if slope < 0 and to_upper >= t.max(initial=0.0):
         return np.asarray(t * upper)
     ramp_from, ramp_to = (to_upper, to_zero) if slope < 0 else (0.0, to_upper)
     first, last = np.minimum(max(ramp_from, 0.0), t), np.minimum(max(ramp_to, 0.0), t)

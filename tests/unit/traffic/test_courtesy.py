@@ -165,7 +165,8 @@ def by_loops(cars, asked, willing, keep):
                 break
     result = {}
     for j, accel in chosen.items():
-        ahead = [one for one in cars if cars[j].lane in (one.lane, one.second) and one.x > cars[j].x]
+        lane, place = cars[j].lane, (cars[j].x, j)
+        ahead = [one for i, one in enumerate(cars) if lane in (one.lane, one.second) and (one.x, i) > place]
         leader = min(ahead, key=lambda one: one.x - one.length, default=None)
         gap, speed = (INF, 0.0) if leader is None else (leader.x - leader.length - cars[j].x, leader.speed)
         free = loops.idm(cars[j], gap, speed)
@@ -184,7 +185,7 @@ def test_against_loops():
         second[second == lane] = 0
         cars = [
             loops.Car(
-                float(rng.uniform(0, 250)), float(rng.choice([0.0, rng.uniform(0, 15)])), int(lane[i]), int(second[i]),
+                float(rng.integers(0, 250)), float(rng.choice([0.0, rng.uniform(0, 15)])), int(lane[i]), int(second[i]),
                 rng.choice([4.0, 12.0]), 0.0, rng.uniform(13, 17), rng.uniform(1, 3), rng.uniform(0.8, 2),
                 rng.uniform(0.6, 2.5), rng.uniform(1, 3), 4.0,
             )

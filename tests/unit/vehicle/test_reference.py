@@ -169,3 +169,7 @@ def test_an_abort_while_braking_keeps_the_curvature_of_the_path():
 
     # Without the braking y would be off by 8 m/s2 * tan(0.1 rad) * (0.01 s)^2 / 2 = 4e-5 m.
     assert float(sample(back, 0.01).y) == pytest.approx(ahead[1], abs=1e-5)
+
+
+def test_no_times_have_no_samples():
+    assert sample(begin(Command(lane=2, accel=-1.0), speed=20.0), []).x.shape == (0,)
