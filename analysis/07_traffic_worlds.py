@@ -9,6 +9,9 @@ times that they spend there and A its area (length times time times lanes): dens
 Theory is that of one lane without lane changes, all at one speed in their equilibrium gaps
 (sumo_hmdp/traffic/theory.py): for the mean driver, and for a mix of drivers, none of whom is faster than the slowest.
 
+Then lane changes alone, on the same road and on the one with ramps, in the scenarios as they are, the ego driven by
+SUMO among the others.
+
     python analysis/07_traffic_worlds.py --figure docs/figures
 """
 
@@ -25,6 +28,7 @@ from numpy.typing import NDArray
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.report.case_road import BLUE, ORANGE, panels, style, tidy, write_figure
+from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld, warm_up
 from sumo_hmdp.sim.world_checks import WorldSettings
@@ -119,6 +123,49 @@ def measure(density: float, seed: int, duration: float) -> Measured:
     return Measured(time / area, distance / area, distance / time, changes, total, contacts, hardest)
 
 
+@dataclass(frozen=True)
+class Changes:
+    """Lane changes of one run of a scenario.
+
+    Attributes:
+        rate: changes begun by the background, per vehicle and metre that it drives along the road.
+        contacts: pairs of background vehicles that overlapped.
+    """
+
+    rate: float
+    contacts: int
+
+
+def count_changes(scenario: str, density: float, seed: int, duration: float) -> Changes:
+    """Drive a scenario at a density [1/m] for a time [s], with everybody in sight, and count lane changes."""
+    overrides = {"traffic.density_vpkm_per_lane": 1000.0 * density, "duration_s": duration}
+    run = load_scenario(find_scenario(scenario), RunOptions(planner="sumo", seed=seed, overrides=overrides))
+    changes, distance = 0, 0.0
+    last: dict[str, VehicleState] = {}
+    with LibsumoWorld(replace(run.world, sight=math.inf), run.episode.ego, run.spawns) as world:
+        for _ in range(run.episode.steps):
+            world.advance(None, {})
+            now = {state.id: state for state in world.observe()}
+            distance += run.episode.dt * sum(state.speed for state in now.values())
+            changes += begun(last, now, run.episode.road)
+            last = now
+        return Changes(changes / distance, len(world.background_contacts()))
+
+
+def change_table(scenarios: Sequence[str], densities: Sequence[float], seeds: int, duration: float) -> str:
+    """Return lane changes per vehicle and km of scenarios at densities [1/m] as Markdown."""
+    lines = ["| scenario | asked [veh/km/lane] | lane changes [1/(veh km)] | contacts |", "|---|---|---|---|"]
+    for scenario in scenarios:
+        for density in densities:
+            runs = [count_changes(scenario, density, seed, duration) for seed in range(seeds)]
+            rates = np.array([1000.0 * run.rate for run in runs])
+            lines.append(
+                f"| `{scenario}` | {1000.0 * density:.0f} | {rates.mean():.2f} ± {rates.std(ddof=1):.2f} | "
+                f"{sum(run.contacts for run in runs)} |"
+            )
+    return "\n".join(lines)
+
+
 def window_edges(spawns: Sequence[Spawn]) -> tuple[str, str]:
     """Return the vehicles between which the traffic is measured."""
     places = sorted((spawn.x, spawn.id) for spawn in spawns if spawn.time == 0.0)
@@ -126,14 +173,16 @@ def window_edges(spawns: Sequence[Spawn]) -> tuple[str, str]:
     return low, high
 
 
-def begun(last: dict[str, VehicleState], now: dict[str, VehicleState]) -> int:
+def begun(last: dict[str, VehicleState], now: dict[str, VehicleState], road: Road = ROAD) -> int:
     """Return how many vehicles have left the centre of a lane within a step."""
-    return sum(centred(last[name].y) and not centred(state.y) for name, state in now.items() if name in last)
+    return sum(
+        centred(last[name].y, road) and not centred(state.y, road) for name, state in now.items() if name in last
+    )
 
 
-def centred(y: float) -> bool:
+def centred(y: float, road: Road) -> bool:
     """Tell whether y [m] is the centre of a lane."""
-    return min(abs(y - ROAD.center_y(lane)) for lane in LANES) < 1e-6
+    return min(abs(y - road.center_y(lane)) for lane in range(1, road.lane_count + 1)) < 1e-6
 
 
 def table(results: dict[float, list[Measured]]) -> str:
@@ -209,7 +258,8 @@ def main() -> None:
         0.001 * density: [measure(0.001 * density, seed, arguments.duration) for seed in range(arguments.seeds)]
         for density in arguments.density
     }
-    print(table(results))
+    print(table(results), end="\n\n")
+    print(change_table(("highway", "highway_ramps"), list(results), arguments.seeds, arguments.duration))
     if arguments.figure is not None:
         write_figure(figure(results), arguments.figure, "fundamental_diagram")
 
