@@ -27,18 +27,16 @@ from sumo_hmdp.planning import decide
 from sumo_hmdp.planning.planner import HmdpPlanner
 from sumo_hmdp.scenario import crowd
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario, load_scenario
-from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.bodies import Bodies
 from sumo_hmdp.sim.episode import TraceHash
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import BicycleMotion
+from sumo_hmdp.sim.sumo import libsumo
 from sumo_hmdp.study import run as study_run
 from sumo_hmdp.study.pool import RUNS_PER_WORKER
 from sumo_hmdp.study.record import Recorder, Trace
 from sumo_hmdp.study.run import execute, kept_steps
-
-libsumo = libsumo_world.libsumo  # type: ignore[attr-defined]
 
 SOLVERS = ("search", "milp")
 # Where the time goes: what is timed, and the row of the table that its own time counts in, without what it calls.

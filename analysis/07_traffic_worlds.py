@@ -30,7 +30,8 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.report.case_road import BLUE, ORANGE, panels, style, tidy, write_figure
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.sim.background import BackgroundSettings
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld, warm_up
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.warm_up import warm_up
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.demand import Demand, arrivals, initial_population, to_spawn
 from sumo_hmdp.traffic.drivers import HIGHWAY_CLASSES, draw_traits, mean_traits

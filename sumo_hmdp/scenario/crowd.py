@@ -7,9 +7,9 @@ from functools import lru_cache
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.scenario.schema import EgoFile
 from sumo_hmdp.scenario.traffic import TrafficFile
-from sumo_hmdp.sim.libsumo_world import warm_up
 from sumo_hmdp.sim.network import Network, Ramp, SideEntry, read_network
 from sumo_hmdp.sim.routes import Routes
+from sumo_hmdp.sim.warm_up import warm_up
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.demand import CROWD_PREFIX, Demand, arrivals, initial_population, to_spawn
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn

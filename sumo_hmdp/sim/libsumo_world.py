@@ -1,4 +1,4 @@
-"""The traffic simulation, and the only file that talks to SUMO.
+"""The traffic simulation: one road with the ego and everybody else on it.
 
 Time 0 of a run is SUMO's first step, which only inserts. From there `advance` carries the world on:
 at the end of a step the ego stands exactly where it was told to, and SUMO has moved the rest. Where SUMO
@@ -6,50 +6,30 @@ drives the ego, it is not told where to, and `ego` says where it is.
 """
 
 import math
-import os
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
-from importlib.metadata import version
-from pathlib import Path
 from types import TracebackType
 from typing import NoReturn, Self
 
-from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.planning.sumo_driver import SumoDriver
-from sumo_hmdp.sim import window
+from sumo_hmdp.sim import sumo, window
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
 from sumo_hmdp.sim.lane_order import restore_order
-from sumo_hmdp.sim.network import Network, read_network
+from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
-from sumo_hmdp.sim.sumo_input import EGO_CLASS, SPEED_FACTOR, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.sumo import libsumo
+from sumo_hmdp.sim.sumo_input import EGO_CLASS
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
-# SUMO's Python package prints a notice about pyarrow to standard output without it.
-os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
-# `sumo-hmdp watch` shows the run in SUMO's window, over TraCI, which has the same functions.
-_IN_WINDOW = window.DELAY in os.environ
-if _IN_WINDOW:
-    import traci as libsumo
-else:
-    import libsumo
-
-_ROUTE = "along"
-_KEEP_POSITION = 3  # moveToXY: the exact position, and the route stays
-# Speed modes: with 0 no rule of SUMO changes a commanded speed; 32 is the same for a vehicle that moveToXY
-# moves (31 clips the speed that its followers see); 31 is SUMO's own driving. So is 27, but who is told to be slower
-# may brake harder than comfortably where its leader or a signal makes it.
-_SPEED_MODE = {DriverKind.SCRIPTED: 0, DriverKind.POSED: 32, DriverKind.IDM: 31, DriverKind.BACKGROUND: 27}
 # Nobody who crosses the road farther away can touch the ego in a step [m].
 _CROSSING_SIGHT = 50.0
 _OWN_LANE_CHANGES = 1621  # lane-change mode: SUMO's default, in which it changes lanes by its own model
-_SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError)
 
 
 class LibsumoWorld:
@@ -102,7 +82,7 @@ class LibsumoWorld:
         """
         with ExitStack() as stack:
             everybody = (*self._spawns.values(), *self._crowd)
-            stack.enter_context(_simulation(self.settings, self._network, self._ego, everybody))
+            stack.enter_context(sumo.simulation(self.settings, self._network, self._ego, everybody))
             self._start()
             self._resources = stack.pop_all()
         return self
@@ -183,8 +163,8 @@ class LibsumoWorld:
             self._background.change_lanes(self.step, others)
             self._background.make_room(others)
         self._slow_to_desired()
-        lights = _lights(self._network)
-        _simulate(self.time)
+        lights = sumo.lights(self._network)
+        sumo.step(self.time)
         for vehicle in moved:
             if vehicle.id in self._ghosts and second_lane(vehicle, self.settings.road) is None:
                 self._drop_ghost(vehicle.id)
@@ -219,7 +199,7 @@ class LibsumoWorld:
         self._require_open()
         if not self._routes.needed:
             return ()
-        return closed_lines(self._routes, _lights(self._network), self._ego, others, told)
+        return closed_lines(self._routes, sumo.lights(self._network), self._ego, others, told)
 
     def breaches(self) -> Breaches:
         """Return the rules that the ego broke in the last step.
@@ -261,9 +241,9 @@ class LibsumoWorld:
         if settings.background is not None:
             self._background = Background(libsumo, settings.background, self._network, settings.dt, self._crowd)
         self._insert_due(start)
-        _simulate(self.time)
+        sumo.step(self.time)
         self._checked_ego(start)
-        if _IN_WINDOW:
+        if sumo.IN_WINDOW:
             window.follow_ego(libsumo)
         if driver is not None:
             self._let_change_lanes(driver)
@@ -297,13 +277,7 @@ class LibsumoWorld:
 
     def _add(self, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
         """Ask SUMO to insert a vehicle, or a ghost under another name, at the end of the coming step."""
-        _insert(self._routes, vehicle, name, lane, kind)
-
-    def _move(self, name: str, x: float, y: float, heading: float, speed: float) -> None:
-        """Command pose [m, rad] and speed [m/s] for the end of the coming step."""
-        degrees = (90.0 - math.degrees(heading)) % 360.0
-        libsumo.vehicle.moveToXY(name, "", -1, float(x), float(y), degrees, _KEEP_POSITION)
-        libsumo.vehicle.setSpeed(name, float(speed))
+        sumo.insert(self._routes, vehicle, name, lane, kind)
 
     def _place(self, vehicle: VehicleState) -> None:
         """Command the vehicle and, where its body reaches into a second lane, its ghost there.
@@ -315,13 +289,13 @@ class LibsumoWorld:
             # SUMO then lets changes take their time, and would never free the lane that a moved vehicle has left.
             road = self.settings.road
             y, heading = road.center_y(image_lane(vehicle.y, road)), 0.0
-        self._move(vehicle.id, vehicle.x, y, heading, vehicle.speed)
+        sumo.move(vehicle.id, vehicle.x, y, heading, vehicle.speed)
         ghost = ghost_of(vehicle, self.settings.road, self._ghosts.get(vehicle.id))
         if ghost is not None:
             name = GHOST_PREFIX + vehicle.id
             if vehicle.id not in self._ghosts:
                 self._add(ghost, name, ghost.lane, DriverKind.POSED)
-            self._move(name, ghost.x, ghost.y, ghost.heading, ghost.speed)
+            sumo.move(name, ghost.x, ghost.y, ghost.heading, ghost.speed)
             self._ghosts[vehicle.id] = ghost.lane
 
     def _drop_ghost(self, vehicle_id: str) -> None:
@@ -332,7 +306,7 @@ class LibsumoWorld:
         if self._background is not None:
             self._background.bodies.read(self.time)
         names = sorted(name for name in libsumo.vehicle.getIDList() if name in self._spawns) if self._spawns else []
-        return tuple(_read_vehicle(self._spawns[name], self.settings.road) for name in names)
+        return tuple(sumo.read_vehicle(self._spawns[name], self.settings.road) for name in names)
 
     def _note_contacts(self) -> None:
         # SUMO keeps listing a pair long after it has separated, so only new pairs count.
@@ -352,7 +326,7 @@ class LibsumoWorld:
         if gone:
             self._lose_ego(ego or self._ego, "SUMO took it off the road.")
         if ego is None:
-            now = _read_vehicle(self._ego, self.settings.road)
+            now = sumo.read_vehicle(self._ego, self.settings.road)
             return replace(now, lateral_speed=(now.y - self._ego.y) / self.settings.dt)
         x, y = libsumo.vehicle.getPosition(EGO_ID)
         road = self.settings.road
@@ -373,121 +347,6 @@ class LibsumoWorld:
             raise SimulationError("the world must be open. Use it in a `with` statement.")
 
 
-def warm_up(settings: checks.WorldSettings, spawns: Sequence[Spawn], duration: float) -> tuple[Spawn, ...]:
-    """Let background traffic drive by itself, and return it as it enters a run that begins when it is warm.
-
-    The result hangs on nothing but the arguments, so planners that share them meet the same traffic. No change begins
-    within the last lane-change time, so that everybody ends in a lane.
-
-    Args:
-        settings: with a background.
-        spawns: background vehicles, with their times since the warm-up began.
-        duration: [s].
-
-    Raises:
-        InputError: with every mistake in the arguments.
-        SimulationError: SUMO does not start, or a world is open in this process.
-    """
-    assert settings.background is not None  # noqa: S101 - the caller's own mistake
-    network = read_network(settings.net_file, settings.road)
-    background = Background(libsumo, settings.background, network, settings.dt, spawns)
-    steps = round(duration / settings.dt)
-    last_change = duration - settings.background.lane_change_time
-    routes = Routes(network)
-
-    def add(spawn: Spawn) -> None:
-        _insert(routes, spawn, spawn.id, spawn.lane, spawn.driver)
-
-    with _simulation(settings, network, None, spawns):
-        for step in range(steps + 1):
-            time = step * settings.dt
-            background.enter(time, add)
-            if 0.0 < time <= last_change:
-                background.change_lanes(step, ())
-            background.make_room(())
-            _simulate(time)
-            background.bodies.read(time)
-        # Who still waits for room enters as soon as there is some, but not at the start, where nobody looks for it.
-        return tuple(
-            replace(spawn, time=max(settings.dt, spawn.time - duration) if spawn.time > 0.0 else 0.0)
-            for spawn in background.spawns()
-        )
-
-
-@contextmanager
-def _simulation(
-    settings: checks.WorldSettings, network: Network, ego: VehicleState | None, others: Iterable[Spawn]
-) -> Iterator[None]:
-    """Start SUMO with the vehicle types of a run and an empty road, and end it whatever happens."""
-    if not _IN_WINDOW and libsumo.isLoaded():
-        raise SimulationError("a process must have one world open at a time, got two. Close the first.")
-    with tempfile.TemporaryDirectory(prefix="sumo-hmdp-") as folder:
-        types_file = Path(folder) / "types.add.xml"
-        types_file.write_text(vehicle_types(ego, others, settings.dt, settings.ego_driver))
-        try:
-            command = sumo_command(
-                settings.net_file,
-                types_file,
-                settings.dt,
-                settings.seed,
-                settings.lane_change_time,
-                finds_collisions=settings.background is None,
-            )
-            if _IN_WINDOW and ego is not None:
-                command = window.command(command)
-            try:
-                libsumo.start(command)
-            except _SUMO_ERRORS as error:
-                raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
-            _limit_turns(network)
-            yield
-        finally:
-            _close()
-
-
-def _limit_turns(network: Network) -> None:
-    """Hold turning vehicles to what a turn allows: a driver may be faster than a road's limit, but not there."""
-    for lane in libsumo.lane.getIDList():
-        if lane.startswith(":") and lane not in network.lane_of:
-            libsumo.lane.setMaxSpeed(lane, libsumo.lane.getMaxSpeed(lane) / SPEED_FACTOR)
-
-
-def _lights(network: Network) -> dict[str, str]:
-    """Return the state of every traffic light on the road by its name."""
-    return {signal.name: libsumo.trafficlight.getRedYellowGreenState(signal.name) for signal in network.signals}
-
-
-def _simulate(time: float) -> None:
-    try:
-        libsumo.simulationStep()
-    except _SUMO_ERRORS as error:
-        raise SimulationError(f"SUMO must complete a step, got: {error} (t = {time} s).") from error
-
-
-def _insert(routes: Routes, vehicle: VehicleState | Spawn, name: str, lane: int, kind: DriverKind) -> None:
-    """Ask SUMO to insert a vehicle at the end of the coming step."""
-    way_out = vehicle.exit if isinstance(vehicle, Spawn) else None
-    if isinstance(vehicle, Spawn) and vehicle.entry is not None:
-        route, edges = f"{vehicle.entry}-{way_out}", routes.entry_edges(vehicle.entry, way_out)
-        lane_index, position = 0, "base"
-    else:
-        place = routes.network.place(vehicle.x, lane)
-        route, edges = f"{_ROUTE}-{place.number}-{way_out}", routes.edges(place.number, way_out)
-        lane_index, position = place.lane_index, repr(float(place.position))
-    if route not in libsumo.route.getIDList():
-        libsumo.route.add(route, list(edges))
-    libsumo.vehicle.add(
-        name,
-        route,
-        typeID=type_id(vehicle.id),
-        departLane=str(lane_index),
-        departPos=position,
-        departSpeed=repr(float(vehicle.speed)),
-    )
-    libsumo.vehicle.setLaneChangeMode(name, 0)
-    libsumo.vehicle.setSpeedMode(name, _SPEED_MODE[kind])
-
-
 def _refuse(problems: list[Problem]) -> None:
     if problems:
         raise InputError(problems)
@@ -504,41 +363,3 @@ def split(spawns: Iterable[Spawn]) -> tuple[list[Spawn], list[Spawn]]:
     for spawn in spawns:
         (crowd if spawn.driver == DriverKind.BACKGROUND else listed).append(spawn)
     return listed, crowd
-
-
-def _read_vehicle(spawn: Spawn | VehicleState, road: Road) -> VehicleState:
-    vehicle = libsumo.vehicle
-    x, y = vehicle.getPosition(spawn.id)
-    speed = vehicle.getSpeed(spawn.id)
-    accel = vehicle.getAcceleration(spawn.id)
-    heading = math.remainder(math.radians(90.0 - vehicle.getAngle(spawn.id)), math.tau)
-    if not math.isfinite(x + y + speed + accel + heading):
-        raise SimulationError(f"the state of {spawn.id} must be finite, got x = {x}, y = {y}, speed = {speed}.")
-    return VehicleState(
-        id=spawn.id,
-        x=x,
-        y=y,
-        speed=speed,
-        lane=road.lane_at(y),
-        accel=accel,
-        heading=heading,
-        length=spawn.length,
-        width=spawn.width,
-        # SUMO reports none for a vehicle that is moved by its pose.
-        lateral_speed=speed * math.sin(heading),
-    )
-
-
-def _close() -> None:
-    """End SUMO; a move that no step follows would corrupt the next run of the process, so step once more."""
-    if _IN_WINDOW or libsumo.isLoaded():
-        try:
-            with suppress(*_SUMO_ERRORS):
-                libsumo.simulationStep()
-        finally:
-            libsumo.close()
-
-
-def sumo_version() -> str:
-    """Return SUMO's version, such as `SUMO 1.28.0`."""
-    return f"SUMO {version('traci')}" if _IN_WINDOW else str(libsumo.getVersion()[1])

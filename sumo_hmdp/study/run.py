@@ -20,7 +20,8 @@ from sumo_hmdp.planning.highs import solver_version
 from sumo_hmdp.planning.problem_file import problem_document
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld, sumo_version
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.sumo import sumo_version
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
 from sumo_hmdp.study.store import (
     SCHEMA_VERSION,

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.sumo import libsumo
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 
@@ -65,7 +65,7 @@ def leave_moves_unstepped():
     posed = tuple(Spawn(name, 3, 50.0 + 20 * k, 20.0, DriverKind.POSED) for k, name in enumerate(names))
     with LibsumoWorld(settings(), EGO, posed):
         for k, name in enumerate(names):
-            libsumo_world.libsumo.vehicle.moveToXY(name, "", -1, 777.0 + 7 * k, 4.0, 90.0, 3)
+            libsumo.vehicle.moveToXY(name, "", -1, 777.0 + 7 * k, 4.0, 90.0, 3)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from sumo_hmdp.errors import InputError, SimulationError
 from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.sumo import libsumo
 from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 
 SCRIPT = Path(__file__).with_name("libsumo_trace.py")
@@ -26,7 +27,7 @@ EXACT = 1e-9
 
 @pytest.fixture
 def sumo():
-    return libsumo_world.libsumo.vehicle
+    return libsumo.vehicle
 
 
 def ghosts(sumo):
@@ -297,7 +298,7 @@ def test_sumo_ends_also_after_an_error():
         LibsumoWorld(run.settings(), run.EGO, (Spawn("p", 3, 0.0, 20.0, DriverKind.POSED),)) as world,
     ):
         world.advance(run.EGO, {})
-    assert not libsumo_world.libsumo.isLoaded()
+    assert not libsumo.isLoaded()
 
 
 def trace_of_another_process(*arguments):

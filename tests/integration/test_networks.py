@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.sumo import libsumo
 from sumo_hmdp.sim.sumo_input import sumo_command
 
 NETWORKS = Path(__file__).parents[2] / "networks"
@@ -17,7 +17,6 @@ TYPE = (
     '<additional><vType id="car" carFollowModel="IDM" length="4.5" width="1.8" minGap="2" tau="1.2" accel="1.5" '
     'decel="2" delta="4" speedDev="0" maxSpeed="{0}" stepping="0.2" lcOvertakeRight="1"/></additional>'
 )
-libsumo = libsumo_world.libsumo
 
 
 @pytest.fixture

@@ -11,10 +11,11 @@ import pytest
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.sumo import libsumo
+from sumo_hmdp.sim.warm_up import warm_up
 from sumo_hmdp.traffic.mobil import LaneChangeRule
 from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 
@@ -55,14 +56,14 @@ def keeps(ego, step):
 @pytest.fixture(scope="module")
 def dense():
     """30 s at 35 vehicles/km/lane, with inflow, after the warm-up."""
-    warm = libsumo_world.warm_up(run.settings(), run.crowd(35.0, inflow=50.0), 12.0)
+    warm = warm_up(run.settings(), run.crowd(35.0, inflow=50.0), 12.0)
     return {spawn.id: spawn for spawn in warm}, list(drive(warm, 150))
 
 
 @pytest.fixture(scope="module")
 def medium():
     """40 s at 18 vehicles/km/lane, where there is room to change lanes."""
-    warm = libsumo_world.warm_up(run.settings(), run.crowd(18.0, stretch=(0.0, 1500.0), seed=2), 8.0)
+    warm = warm_up(run.settings(), run.crowd(18.0, stretch=(0.0, 1500.0), seed=2), 8.0)
     return {spawn.id: spawn for spawn in warm}, list(drive(warm, 200))
 
 
@@ -247,7 +248,7 @@ TOWN = replace(run.settings(), net_file=run.ROOT / "networks" / "urban.net.xml")
 def ramp_drive(spawns, steps, settings=RAMPS, ego=replace(ALONE, y=2.0)):  # noqa: B008 (frozen)
     """Return every vehicle's (SUMO's edge, state) at all instants, None for a state beside the road."""
     seen = {}
-    vehicle = libsumo_world.libsumo.vehicle
+    vehicle = libsumo.vehicle
     with LibsumoWorld(replace(settings, sight=1e5), ego, tuple(spawns)) as world:
         for _ in range(steps):
             ego = replace(ego, x=ego.x + ego.speed * DT)
@@ -295,7 +296,7 @@ def test_who_comes_too_late_for_a_turn_takes_the_one_that_its_lane_serves(lane, 
 @pytest.mark.parametrize(("lane", "exit_name", "most"), [(1, "north_4_out", 9.01), (3, "south_4_out", 8.16)])
 def test_who_turns_keeps_to_the_speed_of_the_turn(lane, exit_name, most):
     fast = driver("bg-a", lane, 1500.0, 15.0, exit_name)
-    vehicle, ego, speeds = libsumo_world.libsumo.vehicle, replace(ALONE, x=-250.0), []
+    vehicle, ego, speeds = libsumo.vehicle, replace(ALONE, x=-250.0), []
     with LibsumoWorld(TOWN, ego, (fast,)) as world:
         for _ in range(60):
             ego = replace(ego, x=ego.x + ego.speed * DT)

@@ -13,8 +13,8 @@ from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.scenario import crowd
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.scenario.schema import EgoFile
-from sumo_hmdp.sim import libsumo_world
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.warm_up import warm_up
 from sumo_hmdp.study.run import execute
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 
@@ -60,7 +60,7 @@ def test_warm_ups_and_runs_repeat_whatever_ran_before_and_in_another_process(tmp
 
 def test_warm_traffic_is_in_its_lanes_with_the_traits_it_was_drawn_with():
     cold = {spawn.id: spawn for spawn in run.crowd()}
-    warm = {line.id: line for line in libsumo_world.warm_up(run.settings(), run.crowd(), 12.0)}
+    warm = {line.id: line for line in warm_up(run.settings(), run.crowd(), 12.0)}
     assert set(warm) <= set(cold)
     present = [name for name, spawn in warm.items() if spawn.time == 0.0]
     # 12 s of inflow at about 30 m/s have come: those who were due by then are on the road or wait for room.
@@ -89,7 +89,7 @@ def test_planners_meet_the_same_traffic(tmp_path, name):
 
 def two_egos(first, second, steps=75):
     """Return the background's states at all instants beside two egos, given as (x, y, speed, lane) by step."""
-    traffic = libsumo_world.warm_up(run.settings(), run.crowd(), 8.0)
+    traffic = warm_up(run.settings(), run.crowd(), 8.0)
     start, others = crowd.ego_start(EgoFile(x_m=500.0, lane=2, in_traffic=True), traffic)
     traces = []
     for path in (first, second):

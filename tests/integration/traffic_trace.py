@@ -7,7 +7,7 @@ from pathlib import Path
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.sim.background import BackgroundSettings
-from sumo_hmdp.sim.libsumo_world import warm_up
+from sumo_hmdp.sim.warm_up import warm_up
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.study.run import execute
 from sumo_hmdp.traffic.demand import Demand, arrivals, initial_population, to_spawn
