@@ -94,10 +94,10 @@ class Windows:
         state: (W,) index of the lane state.
         level: (W,) speed level.
         phase: (W,) phase of that speed level.
-        behind: (W, n / 64) the branches that share a lane with the state and are behind the window.
-        ahead: (W, n / 64) likewise ahead of it.
-        bounds: (4, W) low, high, soft_low and soft_high.
-        stop_high: (W,).
+        behind: (W, n / 64 rounded up) the branches that share a lane with the state and are behind the window.
+        ahead: (W, n / 64 rounded up) likewise ahead of it.
+        bounds: (4, W) low, high, soft_low and soft_high [units of the lattice].
+        stop_high: (W,) upper end of where the ego may come to rest if it brakes from here, else infinite.
     """
 
     state: IntArray
