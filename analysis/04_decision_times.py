@@ -15,23 +15,23 @@ from pathlib import Path
 import numpy as np
 import pyomo.environ as pyo
 
+from sumo_hmdp.decision.audit import shifted
+from sumo_hmdp.decision.corridors import Corridors, carve, clearances
+from sumo_hmdp.decision.cost import objective
+from sumo_hmdp.decision.decide import Answer, answer
+from sumo_hmdp.decision.highs import compile_model, solve
+from sumo_hmdp.decision.lattice import EgoLattice, ego_lattice
+from sumo_hmdp.decision.milp import build_model
+from sumo_hmdp.decision.optimiser import best_sequence, fill, shape_of, start_values
+from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings, Preferences, RiskAllocation
+from sumo_hmdp.decision.risk import margins
+from sumo_hmdp.decision.search import search_best
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import PredictedVehicle, predict
-from sumo_hmdp.hmdp.dynamics import Noise
-from sumo_hmdp.hmdp.policy import Policy
-from sumo_hmdp.planning.audit import shifted
-from sumo_hmdp.planning.corridors import Corridors, carve, clearances
-from sumo_hmdp.planning.cost import objective
-from sumo_hmdp.planning.decide import Answer, answer
-from sumo_hmdp.planning.highs import compile_model, solve
-from sumo_hmdp.planning.lattice import EgoLattice, ego_lattice
-from sumo_hmdp.planning.milp import build_model
-from sumo_hmdp.planning.optimiser import best_sequence, fill, shape_of, start_values
-from sumo_hmdp.planning.problem import DecisionProblem, PlannerSettings, Preferences, RiskAllocation
-from sumo_hmdp.planning.risk import margins
-from sumo_hmdp.planning.search import search_best
+from sumo_hmdp.prediction.branches import PredictedVehicle, predict
+from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.policy import Policy
 
 ROAD = Road(3, 4.0)
 LATERAL = ((0.0, 0.95, 0.05), (0.025, 0.95, 0.025), (0.05, 0.95, 0.0))
@@ -106,7 +106,7 @@ def enumeration(problem: DecisionProblem, lattice: EgoLattice, corridors: Corrid
     def extend(k: int, node: int, lane: int, modes: tuple[int, ...], laterals: tuple[int, ...]) -> None:
         nonlocal best
         if k == lattice.steps:
-            from sumo_hmdp.planning.problem import ManeuverSequence  # noqa: PLC0415
+            from sumo_hmdp.decision.problem import ManeuverSequence  # noqa: PLC0415
 
             best = min(best, objective(preferences, lattice, problem.ego.lane, ManeuverSequence(laterals, modes)))
             return

@@ -21,9 +21,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.first_actions import first_actions
-from sumo_hmdp.planning.problem_file import read_problem
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.first_actions import first_actions
+from sumo_hmdp.decision.problem_file import read_problem
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.run import RunRecord, execute
 

@@ -22,9 +22,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from sumo_hmdp.decision import decide
+from sumo_hmdp.decision.planner import HmdpPlanner
 from sumo_hmdp.documents import read_yaml
-from sumo_hmdp.planning import decide
-from sumo_hmdp.planning.planner import HmdpPlanner
 from sumo_hmdp.scenario import crowd
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario, load_scenario
 from sumo_hmdp.sim.background import Background

@@ -20,12 +20,12 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
+from sumo_hmdp.decision.plan_distances import shortfalls
+from sumo_hmdp.decision.planner import HmdpEvidence, HmdpPlanner
 from sumo_hmdp.documents import read_yaml
-from sumo_hmdp.hmdp.dynamics import position_variances
 from sumo_hmdp.metrics.planned_distances import audit_run, audit_settings
 from sumo_hmdp.metrics.risk_audit import violation_rates
-from sumo_hmdp.planning.plan_distances import shortfalls
-from sumo_hmdp.planning.planner import HmdpEvidence, HmdpPlanner
+from sumo_hmdp.prediction.dynamics import position_variances
 from sumo_hmdp.scenario.load import RunOptions, assemble_scenario, find_scenario, load_scenario
 from sumo_hmdp.sim.episode import Moment
 from sumo_hmdp.study.run import execute

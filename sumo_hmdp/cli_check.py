@@ -36,7 +36,7 @@ def check(
 
     No file comes out. A study file is checked by `sumo-hmdp study FILE --out DIR --dry-run`.
     """
-    from sumo_hmdp.planning.problem_file import read_problem
+    from sumo_hmdp.decision.problem_file import read_problem
     from sumo_hmdp.scenario.load import find_scenario, load_scenario
 
     found: list[dict[str, Any]] = []
@@ -71,8 +71,8 @@ def list_all(as_json: JsonOption = False) -> None:  # noqa: FBT002 - a flag of t
     """
     from rich.console import Console
 
-    from sumo_hmdp.planning.decide import SOLVERS
-    from sumo_hmdp.planning.registry import planner_kinds
+    from sumo_hmdp.decision.decide import SOLVERS
+    from sumo_hmdp.decision.registry import planner_kinds
     from sumo_hmdp.scenario.packaged import scenario_names, study_names
 
     listed: dict[str, list[dict[str, str]]] = {

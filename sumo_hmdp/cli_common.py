@@ -151,14 +151,14 @@ def complete_study(incomplete: str) -> list[str]:
 
 def complete_planner(incomplete: str) -> list[str]:
     """Complete a planner's name, those of other packages included."""
-    from sumo_hmdp.planning.names import planner_names
+    from sumo_hmdp.decision.names import planner_names
 
     return _beginning_with(incomplete, planner_names())
 
 
 def complete_solver(incomplete: str) -> list[str]:
     """Complete a solver's name."""
-    from sumo_hmdp.planning.names import SOLVER_NAMES
+    from sumo_hmdp.decision.names import SOLVER_NAMES
 
     return _beginning_with(incomplete, SOLVER_NAMES)
 

@@ -13,8 +13,8 @@ from sumo_hmdp.errors import InputError, Problem, SumoHmdpError
 from sumo_hmdp.validation import nearest
 
 if TYPE_CHECKING:
-    from sumo_hmdp.planning.decide import Answer
-    from sumo_hmdp.planning.problem import DecisionProblem
+    from sumo_hmdp.decision.decide import Answer
+    from sumo_hmdp.decision.problem import DecisionProblem
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -44,9 +44,9 @@ def decide(
 
     No file comes out but the figure; docs/decision-files.md has the form of the files.
     """
-    from sumo_hmdp.planning.decide import SOLVERS, answer
-    from sumo_hmdp.planning.problem_file import answer_document, read_problem
-    from sumo_hmdp.planning.risk import RiskBudgetError
+    from sumo_hmdp.decision.decide import SOLVERS, answer
+    from sumo_hmdp.decision.problem_file import answer_document, read_problem
+    from sumo_hmdp.decision.risk import RiskBudgetError
 
     if solver not in SOLVERS:
         raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
@@ -88,7 +88,7 @@ def _require_drawable(figure: Path, file_count: int) -> None:
 
 def _explain(file: Path, problem: "DecisionProblem", found: "Answer", figure: Path | None, *, told: bool) -> None:
     """Tell why an answer is as it is, draw it, or both."""
-    from sumo_hmdp.planning.explain import explain
+    from sumo_hmdp.decision.explain import explain
     from sumo_hmdp.report.explain_text import explanation_text
 
     explanation = explain(problem, found)

@@ -30,7 +30,7 @@ def new_planner(
     Files, in a new folder NAME: `src/NAME.py`, the planner; `tests/test_NAME.py`; `pyproject.toml`, which offers it to
     sumo-hmdp; `README.md`, what a planner gets and what it must return.
     """
-    from sumo_hmdp.planning.new_planner import write_planner_package
+    from sumo_hmdp.decision.new_planner import write_planner_package
 
     for path in write_planner_package(name, out_dir):
         typer.echo(path)

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
+from sumo_hmdp.decision.explain import Bound, ExplainedLane, ExplainedStep, ExplainedVehicle, Explanation, Window
+from sumo_hmdp.decision.first_actions import FirstAction, Verdict
+from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep
-from sumo_hmdp.planning.explain import Bound, ExplainedLane, ExplainedStep, ExplainedVehicle, Explanation, Window
-from sumo_hmdp.planning.first_actions import FirstAction, Verdict
-from sumo_hmdp.planning.problem import DISTANCE_TOLERANCE
 
 # How many branches of a vehicle are told one by one.
 BRANCHES_SHOWN = 4

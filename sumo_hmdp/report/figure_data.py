@@ -4,8 +4,8 @@ from collections import defaultdict
 from dataclasses import dataclass
 from itertools import pairwise
 
-from sumo_hmdp.planning.explain import ExplainedStep, Explanation
-from sumo_hmdp.planning.occupancy import start_state, sweep_steps
+from sumo_hmdp.decision.explain import ExplainedStep, Explanation
+from sumo_hmdp.decision.occupancy import start_state, sweep_steps
 
 # Room around where the ego can be, as a multiple of the longest distance to keep, and at least so much [m].
 ROOM, LEAST_ROOM = 1.25, 12.0

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from sumo_hmdp.decision.explain import Explanation
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.planning.explain import Explanation
 from sumo_hmdp.report.figure_data import decision_view, ego_path, lane_view
 from sumo_hmdp.report.lane_panel import (
     FORBIDDEN_COLOR,

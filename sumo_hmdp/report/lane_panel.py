@@ -12,9 +12,9 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, MaxNLocator
 
+from sumo_hmdp.decision.explain import Explanation
+from sumo_hmdp.decision.stop_lines import nearest_line
 from sumo_hmdp.domain.occupancy import LaneState
-from sumo_hmdp.planning.explain import Explanation
-from sumo_hmdp.planning.stop_lines import nearest_line
 from sumo_hmdp.report.figure_data import LaneView, Stretch, Track, View, ego_path, relative
 
 # Blue, vermillion, bluish green, reddish purple, orange, sky blue; black is the ego's.

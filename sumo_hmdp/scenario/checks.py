@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from sumo_hmdp.decision.problem_checks import dead_end_problem, table_checks
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.hmdp.policy import dead_end
-from sumo_hmdp.planning.problem_checks import dead_end_problem, table_checks
+from sumo_hmdp.prediction.policy import dead_end
 from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.scenario.schema import (
     ScenarioFile,

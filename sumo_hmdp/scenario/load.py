@@ -5,15 +5,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sumo_hmdp.decision.decide import SOLVERS
+from sumo_hmdp.decision.problem_checks import planner_checks
+from sumo_hmdp.decision.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.planning.decide import SOLVERS
-from sumo_hmdp.planning.problem_checks import planner_checks
-from sumo_hmdp.planning.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.scenario.checks import (
     cross_checks,
     crowd_checks,

@@ -4,10 +4,10 @@ import math
 import re
 from collections.abc import Iterator
 
+from sumo_hmdp.decision.problem_checks import dead_end_problem, table_checks
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.errors import Problem
-from sumo_hmdp.hmdp.policy import dead_end
-from sumo_hmdp.planning.problem_checks import dead_end_problem, table_checks
+from sumo_hmdp.prediction.policy import dead_end
 from sumo_hmdp.scenario.schema import ConstantSpeedFile, MatchedTrafficFile, ScenarioFile, VehicleFile
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.traffic.streams import stream

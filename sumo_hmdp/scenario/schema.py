@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from sumo_hmdp.planning.problem_schema import (
+from sumo_hmdp.decision.problem_schema import (
     LanesFile,
     ModeName,
     NoiseFile,

@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from sumo_hmdp.decision.planner import Belief
+from sumo_hmdp.decision.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
 from sumo_hmdp.errors import Problem
-from sumo_hmdp.hmdp.policy import ScheduledPolicy
-from sumo_hmdp.planning.planner import Belief
-from sumo_hmdp.planning.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
+from sumo_hmdp.prediction.policy import ScheduledPolicy
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.measurement import MeasurementNoise
 from sumo_hmdp.traffic.courtesy import CourtesyRule

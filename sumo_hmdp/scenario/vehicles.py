@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from sumo_hmdp.decision.planner import Belief
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.policy import ScheduledPolicy
-from sumo_hmdp.planning.planner import Belief
+from sumo_hmdp.prediction.policy import ScheduledPolicy
 from sumo_hmdp.scenario.schema import ConstantSpeedFile, IdmFile, ModeScheduleFile, ScenarioFile, VehicleFile
 from sumo_hmdp.sim.episode import Driver
 from sumo_hmdp.sim.measurement import Measurement, measurement_noise

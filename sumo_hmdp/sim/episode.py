@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Protocol
 
+from sumo_hmdp.decision.contract import require_decision, steps_per_decision
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
-from sumo_hmdp.planning.contract import require_decision, steps_per_decision
 from sumo_hmdp.sim.contact import Contact, contacts
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
@@ -154,7 +154,7 @@ def run_episode(
         observe: called with every instant, in order; what it keeps is the record.
 
     Raises:
-        planning.contract.PlannerError: if the planner's period or a decision cannot be carried out.
+        decision.contract.PlannerError: if the planner's period or a decision cannot be carried out.
     """
     motion = motion_of(settings.motion, settings.bicycle, settings.road, settings.lane_change_time, settings.dt)
     carry = start(settings, motion, planner)

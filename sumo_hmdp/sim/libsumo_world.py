@@ -12,9 +12,9 @@ from dataclasses import replace
 from types import TracebackType
 from typing import NoReturn, Self
 
+from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
-from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim import sumo, window
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.background import Background

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.traffic.spawn import IDM_KINDS, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import Problem
-from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim.background import BackgroundSettings
 from sumo_hmdp.sim.contact import contacts
 from sumo_hmdp.sim.ghost import image_lane, second_lane

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from sumo_hmdp.decision.registry import planner_kinds
 from sumo_hmdp.documents import Document, read_yaml
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.planning.registry import planner_kinds
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile

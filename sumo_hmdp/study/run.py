@@ -12,12 +12,12 @@ from typing import Any
 
 import pandas as pd
 
+from sumo_hmdp.decision.decide import SolversDisagreeError
+from sumo_hmdp.decision.highs import solver_version
+from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.summary import run_metrics
-from sumo_hmdp.planning.decide import SolversDisagreeError
-from sumo_hmdp.planning.highs import solver_version
-from sumo_hmdp.planning.problem_file import problem_document
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from sumo_hmdp.planning.problem_schema import Positive
+from sumo_hmdp.decision.problem_schema import Positive
 from sumo_hmdp.validation import FileModel
 
 SEED_MAX = 2**31 - 1

@@ -2,7 +2,7 @@
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic simulations",
 Phys. Rev. E 62, 2000. SUMO's MSCFModel_IDM differs from the paper in one thing: the dynamic part of the wanted gap
-never makes it smaller than the gap at standstill. `planning/idm.py` is the published baseline's variant.
+never makes it smaller than the gap at standstill. `decision/idm.py` is the published baseline's variant.
 """
 
 from collections.abc import Sequence

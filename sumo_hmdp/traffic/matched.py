@@ -12,8 +12,8 @@ from sumo_hmdp.domain.maneuver import ACTIONS, ManeuverState, Mode, transition
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.hmdp.dynamics import Noise, next_longitudinal
-from sumo_hmdp.hmdp.policy import ScheduledPolicy, action_probabilities
+from sumo_hmdp.prediction.dynamics import Noise, next_longitudinal
+from sumo_hmdp.prediction.policy import ScheduledPolicy, action_probabilities
 from sumo_hmdp.traffic.streams import stream
 from sumo_hmdp.vehicle.point_mass import PointMass, advance, change_lane, in_lane
 

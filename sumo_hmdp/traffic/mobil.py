@@ -9,7 +9,7 @@ that it gets and of the follower o that it leaves, a change is wanted if
                 to the right  e'(c) - a(c)  + politeness [a'(o) - a(o)] + bias > threshold - right_bias,
 
 where e is the acceleration of somebody who may not pass on the right (see `Passing`). It is safe if the new follower
-need not brake harder than safe_decel. `planning/mobil.py` is the published baseline's variant, for the ego alone.
+need not brake harder than safe_decel. `decision/mobil.py` is the published baseline's variant, for the ego alone.
 """
 
 from dataclasses import dataclass

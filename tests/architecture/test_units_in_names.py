@@ -8,10 +8,10 @@ import pytest
 import typer
 
 from sumo_hmdp.cli import app
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem_file import answer_document, read_problem
-from sumo_hmdp.planning.problem_schema import ProblemFile
-from sumo_hmdp.planning.registry import BUILT_IN
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.problem_file import answer_document, read_problem
+from sumo_hmdp.decision.problem_schema import ProblemFile
+from sumo_hmdp.decision.registry import BUILT_IN
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sumo_hmdp.planning.baselines import ConstantPlanner
-from sumo_hmdp.planning.registry import PlannerKind
+from sumo_hmdp.decision.baselines import ConstantPlanner
+from sumo_hmdp.decision.registry import PlannerKind
 from sumo_hmdp.validation import FileModel
 
 

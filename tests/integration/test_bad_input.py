@@ -235,8 +235,8 @@ def test_good_files_are_answered_in_order_around_bad_ones(call, tmp_path):
 
 
 def test_a_solver_that_fails_on_one_file_does_not_keep_the_others_from_their_answers(call, monkeypatch):
-    from sumo_hmdp.planning import decide  # noqa: PLC0415
-    from sumo_hmdp.planning.optimiser import SolverError  # noqa: PLC0415
+    from sumo_hmdp.decision import decide  # noqa: PLC0415
+    from sumo_hmdp.decision.optimiser import SolverError  # noqa: PLC0415
 
     answer, calls = decide.answer, []
 

@@ -12,8 +12,8 @@ import pytest
 
 import sumo_hmdp
 import sumo_hmdp.study.run
+from sumo_hmdp.decision import registry
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.planning import registry
 
 BREAK_AT = 3.0
 RUN_ID = "case2-breaking-eps0.05-seed0"

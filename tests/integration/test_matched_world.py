@@ -10,9 +10,9 @@ from scipy.stats import binom, norm
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import PredictedVehicle, PredictionSettings, predict
-from sumo_hmdp.hmdp.dynamics import Noise
-from sumo_hmdp.hmdp.policy import Policy, ScheduledPolicy
+from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionSettings, predict
+from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.study.run import execute
 from sumo_hmdp.traffic.matched import MatchedModel, draw_path

@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 import sumo_hmdp
+from sumo_hmdp.decision import decide
+from sumo_hmdp.decision.problem import ManeuverSequence
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.planning import decide
-from sumo_hmdp.planning.problem import ManeuverSequence
 
 
 def test_both_solvers_drive_alike_and_say_so(call, short_case, tmp_path):

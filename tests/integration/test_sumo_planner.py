@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
+from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError, SimulationError
-from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.sim.background import BackgroundSettings

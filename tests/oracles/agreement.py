@@ -1,8 +1,8 @@
 """One decision problem, answered by the package's solvers and by the oracle."""
 
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem_file import parse_problem
-from sumo_hmdp.planning.risk import RiskBudgetError
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.problem_file import parse_problem
+from sumo_hmdp.decision.risk import RiskBudgetError
 
 OBJECTIVE_TOLERANCE = 1e-6
 VIOLATION_TOLERANCE = 1e-5

@@ -4,15 +4,15 @@ from collections import Counter
 
 import numpy as np
 
+from sumo_hmdp.decision.audit import first_breach
+from sumo_hmdp.decision.decide import answer, make_plan
+from sumo_hmdp.decision.distance import safe_clearance
+from sumo_hmdp.decision.occupancy import occupied_lanes, start_state, sweep_steps
+from sumo_hmdp.decision.problem import ManeuverSequence
+from sumo_hmdp.decision.problem_file import parse_problem
+from sumo_hmdp.decision.risk import RiskBudgetError
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import Occupancy, body_lanes
-from sumo_hmdp.planning.audit import first_breach
-from sumo_hmdp.planning.decide import answer, make_plan
-from sumo_hmdp.planning.distance import safe_clearance
-from sumo_hmdp.planning.occupancy import occupied_lanes, start_state, sweep_steps
-from sumo_hmdp.planning.problem import ManeuverSequence
-from sumo_hmdp.planning.problem_file import parse_problem
-from sumo_hmdp.planning.risk import RiskBudgetError
 
 
 def lanes_of_now(problem, vehicle):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from sumo_hmdp.decision.problem import PlannerSettings, RiskAllocation
+from sumo_hmdp.decision.risk import margins
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import PredictedVehicle, PredictionSettings, predict
-from sumo_hmdp.hmdp.dynamics import Noise
-from sumo_hmdp.hmdp.policy import Policy
-from sumo_hmdp.planning.problem import PlannerSettings, RiskAllocation
-from sumo_hmdp.planning.risk import margins
+from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionSettings, predict
+from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.policy import Policy
 
 SAMPLES = 200_000
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem_file import parse_problem
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.problem_file import parse_problem
 
 FIXTURES = sorted((Path(__file__).parent.parent / "fixtures" / "decisions").glob("*.json"))
 

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sumo_hmdp.hmdp.branches import predict
-from sumo_hmdp.planning.corridors import carve, clearances
-from sumo_hmdp.planning.highs import compile_model
-from sumo_hmdp.planning.lattice import ego_lattice
-from sumo_hmdp.planning.openings import openings_of
-from sumo_hmdp.planning.optimiser import fill, shape_of, start_values
-from sumo_hmdp.planning.problem_file import parse_problem
-from sumo_hmdp.planning.risk import RiskBudgetError, margins
-from sumo_hmdp.planning.search import search_best
+from sumo_hmdp.decision.corridors import carve, clearances
+from sumo_hmdp.decision.highs import compile_model
+from sumo_hmdp.decision.lattice import ego_lattice
+from sumo_hmdp.decision.openings import openings_of
+from sumo_hmdp.decision.optimiser import fill, shape_of, start_values
+from sumo_hmdp.decision.problem_file import parse_problem
+from sumo_hmdp.decision.risk import RiskBudgetError, margins
+from sumo_hmdp.decision.search import search_best
+from sumo_hmdp.prediction.branches import predict
 
 
 def carved(general_problems, seed, count):

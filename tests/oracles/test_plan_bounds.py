@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.explain import explain
-from sumo_hmdp.planning.plan_bounds import plan_bounds
-from sumo_hmdp.planning.problem_file import parse_problem
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.explain import explain
+from sumo_hmdp.decision.plan_bounds import plan_bounds
+from sumo_hmdp.decision.problem_file import parse_problem
 
 
 def bounds_of(content):

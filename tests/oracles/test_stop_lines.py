@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sumo_hmdp.decision.audit import first_breach
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.problem import ManeuverSequence
+from sumo_hmdp.decision.problem_file import parse_problem
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.plan import Status
-from sumo_hmdp.planning.audit import first_breach
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem import ManeuverSequence
-from sumo_hmdp.planning.problem_file import parse_problem
 
 
 def differ(one, other):

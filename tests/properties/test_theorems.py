@@ -5,23 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sumo_hmdp.decision.audit import Cause, audit
+from sumo_hmdp.decision.decide import answer
+from sumo_hmdp.decision.problem import (
+    DecisionProblem,
+    PlannerSettings,
+    Preferences,
+    RiskAllocation,
+)
 from sumo_hmdp.domain.distance import DistanceRule
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.hmdp.branches import PredictedVehicle
-from sumo_hmdp.hmdp.dynamics import Noise
-from sumo_hmdp.hmdp.policy import Policy
-from sumo_hmdp.planning.audit import Cause, audit
-from sumo_hmdp.planning.decide import answer
-from sumo_hmdp.planning.problem import (
-    DecisionProblem,
-    PlannerSettings,
-    Preferences,
-    RiskAllocation,
-)
+from sumo_hmdp.prediction.branches import PredictedVehicle
+from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.policy import Policy
 
 ROAD = Road(3, 4.0)
 KEEP = (0.0, 1.0, 0.0)
@@ -201,7 +201,7 @@ def test_nothing_is_said_without_a_plan_before():
 @pytest.mark.parametrize("rule", list(DistanceRule))
 def test_an_answer_is_feasible_by_the_audit_s_own_count(occupancy, rule):
     rng = np.random.default_rng([3, list(Occupancy).index(occupancy), list(DistanceRule).index(rule)])
-    from sumo_hmdp.planning.audit import first_breach  # noqa: PLC0415
+    from sumo_hmdp.decision.audit import first_breach  # noqa: PLC0415
 
     optimal = 0
     for _ in range(60):

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
+from sumo_hmdp.decision.baselines import ConstantPlanner, IdmMobilPlanner
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.planning.baselines import ConstantPlanner, IdmMobilPlanner
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.sim.motion import MotionKind
 

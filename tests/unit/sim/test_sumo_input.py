@@ -3,8 +3,8 @@
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.planning.sumo_driver import SumoDriver
 from sumo_hmdp.sim.sumo_input import sumo_command, vehicle_types
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 

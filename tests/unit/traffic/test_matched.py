@@ -9,8 +9,8 @@ from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.hmdp.dynamics import Noise
-from sumo_hmdp.hmdp.policy import Policy, ScheduledPolicy
+from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
 from sumo_hmdp.traffic.matched import MatchedModel, draw_path
 
 ROAD = Road(3, 4.0)

@@ -1,0 +1,276 @@
+"""One decision from problem to answer: predict, tighten, carve, solve (docs/formulation.md, sections 4 to 9)."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+
+from sumo_hmdp.decision.corridors import Corridors, carve, clearances
+from sumo_hmdp.decision.cost import objective
+from sumo_hmdp.decision.distance import counted
+from sumo_hmdp.decision.fallback import braking_demand
+from sumo_hmdp.decision.lattice import EgoLattice, ego_lattice
+from sumo_hmdp.decision.optimiser import DeadlineError, best_sequence, least_violation
+from sumo_hmdp.decision.plan_distances import shortfalls
+from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.risk import margins
+from sumo_hmdp.decision.search import search_best, search_relaxed
+from sumo_hmdp.decision.stop_lines import line_shortfalls
+from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.plan import PlanStep, Status
+from sumo_hmdp.domain.scene import StopLine
+from sumo_hmdp.errors import SumoHmdpError
+from sumo_hmdp.prediction.branches import Branches, predict
+from sumo_hmdp.prediction.dynamics import FloatArray
+
+Solver = Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]
+
+
+@dataclass(frozen=True)
+class SolverPair:
+    """A way to solve a decision.
+
+    Attributes:
+        name: as in `--solver`.
+        best: the cheapest plan that keeps every distance, or None.
+        relaxed: the least violation, then the least cost, or None.
+    """
+
+    name: str
+    best: Solver
+    relaxed: Solver
+
+
+MILP = SolverPair("milp", best_sequence, least_violation)
+SEARCH = SolverPair("search", search_best, search_relaxed)
+PAIRS = {pair.name: pair for pair in (MILP, SEARCH)}
+BOTH = "both"
+SOLVERS = (*PAIRS, BOTH)
+
+# Two proofs of one optimum may differ by what HiGHS calls equal.
+OBJECTIVE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """The worst distance of a plan.
+
+    Attributes:
+        vehicle_id: to which vehicle; `stop line` where `line` is given.
+        step: at which step.
+        metres: how much is missing.
+        line: the stop line that the plan passes, or before which it cannot stop; None where it is a vehicle.
+    """
+
+    vehicle_id: str
+    step: int
+    metres: float
+    line: StopLine | None = None
+
+    def __str__(self) -> str:
+        if self.line is None:
+            return f"{self.vehicle_id} at step {self.step} is {self.metres:.2f} m too near"
+        return f"from step {self.step} the ego stops {self.metres:.2f} m beyond the stop line at {self.line.x:.2f} m"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to one decision problem.
+
+    Attributes:
+        status: optimal, relaxed or fallback.
+        objective: cost of the plan, None for a fallback.
+        violation: total violation [m], 0 when optimal, None for a fallback.
+        reason: why it is not optimal, empty when it is.
+        lateral: lateral action to take now.
+        mode: mode to take now.
+        brake: deceleration of a fallback, a positive magnitude [m/s2]; None otherwise.
+        plan: the steps, empty for a fallback.
+        sequence: the maneuvers of the plan, None for a fallback.
+        lattice: where the ego can be.
+        branches: the prediction.
+        margin: of the chance constraint, (B, H) [m].
+        corridors: the free windows that keep every distance.
+        solver: its name.
+        solve_time: wall-clock time of the whole answer [s].
+    """
+
+    status: Status
+    objective: float | None
+    violation: float | None
+    reason: str
+    lateral: Lateral
+    mode: Mode
+    brake: float | None
+    plan: tuple[PlanStep, ...]
+    sequence: ManeuverSequence | None
+    lattice: EgoLattice
+    branches: Branches
+    margin: FloatArray
+    corridors: Corridors
+    solver: str
+    solve_time: float
+
+
+class SolversDisagreeError(SumoHmdpError):
+    """Two exact solvers gave different answers to one problem: one of them is wrong.
+
+    Attributes:
+        problem: the decision problem.
+    """
+
+    def __init__(self, message: str, problem: DecisionProblem) -> None:
+        super().__init__(message)
+        self.problem = problem
+
+
+def answer(problem: DecisionProblem, solver: str = "milp") -> Answer:
+    """Decide: the cheapest safe plan, else the least unsafe one without contact, else brake in lane.
+
+    Args:
+        problem: the decision problem.
+        solver: a name of `SOLVERS`; `both` solves twice and compares.
+
+    Raises:
+        decision.optimiser.SolverError: if the solver proves neither an optimum nor infeasibility.
+        decision.risk.RiskBudgetError: if pruning leaves nothing of the risk level.
+        SolversDisagreeError: if `both` solvers differ.
+    """
+    if solver == BOTH:
+        first, second = (_answer(problem, pair) for pair in (MILP, SEARCH))
+        _require_agreement(problem, first, second)
+        return replace(first, solver=BOTH, solve_time=first.solve_time + second.solve_time)
+    return _answer(problem, PAIRS[solver])
+
+
+def _answer(problem: DecisionProblem, solver: SolverPair) -> Answer:
+    """Predict, tighten, carve, solve."""
+    started = time.perf_counter()
+    lattice = ego_lattice(problem)
+    branches = predict(problem.vehicles, problem.settings.prediction())
+    margin = margins(branches, problem.settings)
+    corridors = carve(problem, lattice, branches, clearances(problem, branches, margin, relaxed=False))
+    failure = "every plan means contact or leaves the speed limits"
+    status, sequence = Status.OPTIMAL, None
+    try:
+        sequence = solver.best(problem, lattice, corridors)
+        if sequence is None:
+            status = Status.RELAXED
+            contact = clearances(problem, branches, margin, relaxed=True)
+            sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, contact))
+    except DeadlineError:
+        failure = f"no plan was known when the deadline of {problem.settings.period:g} s came"
+    common: dict[str, Any] = {
+        "lattice": lattice,
+        "branches": branches,
+        "margin": margin,
+        "corridors": corridors,
+        "solver": solver.name,
+    }
+    found = _fallback(problem, failure, common) if sequence is None else _planned(problem, status, sequence, common)
+    return replace(found, solve_time=time.perf_counter() - started)
+
+
+def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequence, common: dict[str, Any]) -> Answer:
+    """Return the answer that follows a sequence of maneuvers."""
+    plan = make_plan(problem, common["lattice"], sequence)
+    violation, reason = 0.0, ""
+    if status is Status.RELAXED:
+        violation, worst = violation_of(problem, plan, common["branches"], common["margin"])
+        reason = f"no plan keeps every distance{' and stop line' * bool(problem.stop_lines)}; {worst}"
+    if not sequence.proven:
+        status = Status.INCUMBENT if status is Status.OPTIMAL else status
+        late = "the deadline came before the plan was proven to be the best"
+        unsure = "the solver did not prove the plan to be the cheapest"
+        reason = f"{reason}; " * bool(reason) + (late if problem.settings.enforce_deadline else unsure)
+    return Answer(
+        status=status,
+        objective=objective(problem.settings.preferences, common["lattice"], problem.ego.lane, sequence),
+        violation=violation,
+        reason=reason,
+        lateral=sequence.laterals[0],
+        mode=sequence.modes[0],
+        brake=None,
+        plan=plan,
+        sequence=sequence,
+        solve_time=0.0,
+        **common,
+    )
+
+
+def _fallback(problem: DecisionProblem, failure: str, common: dict[str, Any]) -> Answer:
+    """Return the answer that brakes in lane."""
+    brake, blocker = braking_demand(problem, common["branches"])
+    return Answer(
+        status=Status.FALLBACK,
+        objective=None,
+        violation=None,
+        reason=f"{failure}; brake in lane for {blocker or 'nothing ahead'}",
+        lateral=Lateral.KEEP,
+        mode=Mode.DECELERATE,
+        brake=brake,
+        plan=(),
+        sequence=None,
+        solve_time=0.0,
+        **common,
+    )
+
+
+def _require_agreement(problem: DecisionProblem, first: Answer, second: Answer) -> None:
+    """Compare two answers: status, violation and cost must agree, the plans need not."""
+
+    def differ(a: float | None, b: float | None, tolerance: float) -> bool:
+        return (a is None) != (b is None) or (a is not None and b is not None and abs(a - b) > tolerance)
+
+    if (
+        first.status is not second.status
+        or differ(first.violation, second.violation, 10 * DISTANCE_TOLERANCE)
+        or differ(first.objective, second.objective, OBJECTIVE_TOLERANCE)
+    ):
+        told = " but ".join(
+            f"{a.solver} says {a.status}, objective {a.objective}, violation {a.violation} m" for a in (first, second)
+        )
+        raise SolversDisagreeError(f"both solvers must agree, {told}", problem)
+
+
+def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:
+    """Return where a sequence of maneuvers leads."""
+    motions = lattice.walk(tuple(int(mode) for mode in sequence.modes))
+    lanes = list(accumulate(sequence.laterals, initial=problem.ego.lane))
+    return tuple(
+        PlanStep(
+            step=k + 1,
+            lateral=sequence.laterals[k],
+            mode=sequence.modes[k],
+            lane=lanes[k + 1],
+            x=lattice.position_at(k + 1, motion.point),
+            # A speed limit of zero is met up to rounding.
+            speed=max(0.0, motion.speed),
+        )
+        for k, motion in enumerate(motions)
+    )
+
+
+def violation_of(
+    problem: DecisionProblem, plan: Sequence[PlanStep], branches: Branches, margin: FloatArray
+) -> tuple[float, Shortfall]:
+    """Return the total violation of a plan [m] and its worst distance (docs/formulation.md, eqs. 14 and 23).
+
+    The violation of a step is the largest shortfall to what is behind plus the largest to what is ahead, a stop line
+    included.
+    """
+    total, worst = 0.0, Shortfall("no vehicle", 0, 0.0)
+    by_step = zip(shortfalls(problem, plan, branches, margin), line_shortfalls(problem, plan), strict=True)
+    for (k, rows, ahead, missing), (line, beyond) in by_step:
+        short, passed = counted(missing), float(counted(np.array(beyond)))
+        total += float(short[ahead].max(initial=0.0) + short[~ahead].max(initial=passed))
+        if passed > max(worst.metres, short.max(initial=0.0)):
+            worst = Shortfall("stop line", k + 1, passed, line)
+        elif short.max(initial=0.0) > worst.metres:
+            at = int(short.argmax())
+            vehicle = branches.vehicles[branches.vehicle[rows[at]]]
+            worst = Shortfall(vehicle.state.id, k + 1, float(short[at]))
+    return total, worst

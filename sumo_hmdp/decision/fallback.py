@@ -1,0 +1,57 @@
+"""What to do where every plan means contact: brake in lane, as hard as needed (docs/formulation.md, eq. 15)."""
+
+import numpy as np
+
+from sumo_hmdp.decision.problem import DecisionProblem
+from sumo_hmdp.decision.stop_lines import nearest_line
+from sumo_hmdp.domain.occupancy import LaneState
+from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.prediction.branches import Branches
+
+# The hardest braking that is asked of the vehicle [m/s2]; a dry road gives about this much to a passenger car.
+MAX_BRAKE = 8.0
+
+
+def braking_demand(problem: DecisionProblem, branches: Branches) -> tuple[float, str | None]:
+    """Return the deceleration to brake with [m/s2] and what demands it.
+
+    A vehicle counts if a branch of it intends the ego's lane at some step, and it is ahead of the ego or beside it. Who
+    is ahead demands closing_speed^2 / (2 gap) against its speed there, and who is beside the ego the most, unless
+    the ego is sooner before it than behind it (`_sooner_behind`); at least the nominal magnitude of the modes, at most
+    `MAX_BRAKE`, which also answers a gap that is gone. A stop line in the ego's lane counts like a vehicle that stands.
+    """
+    ego, demand, blocker = problem.ego, problem.settings.accel, None
+    in_lane = branches.lanes == ego.lane
+    for index, vehicle in enumerate(problem.vehicles):
+        mine = branches.vehicle == index
+        other = vehicle.state
+        ahead = other.x > ego.x
+        if not in_lane[mine].any() or not (ahead or _sooner_behind(ego, other, problem.settings.accel)):
+            continue
+        gap = other.x - other.length - ego.x
+        slowest = float(np.min(branches.speed[mine][in_lane[mine]]))
+        closing_speed = max(0.0, ego.speed - slowest)
+        needed = MAX_BRAKE if gap <= 0 else min(MAX_BRAKE, closing_speed**2 / (2 * gap))
+        if needed > demand:
+            demand, blocker = needed, other.id
+    line = nearest_line(ego, problem.stop_lines, LaneState(ego.lane))
+    if line is not None:
+        gap = line.x - ego.x
+        needed = MAX_BRAKE if gap <= 0 else min(MAX_BRAKE, ego.speed**2 / (2 * gap))
+        if needed > demand:
+            demand, blocker = needed, f"the stop line at {line.x:.2f} m"
+    return demand, blocker
+
+
+def _sooner_behind(ego: VehicleState, other: VehicleState, accel: float) -> bool:
+    """Tell whether a vehicle is beside the ego, and the ego is sooner behind it, braking hard, than before it.
+
+    From equal speeds a way w takes sqrt(2 w / a), with a = MAX_BRAKE or accel.
+
+    Args:
+        ego: the ego.
+        other: a vehicle whose front bumper is not ahead of the ego's.
+        accel: with which the ego would get before it [m/s2].
+    """
+    to_behind, to_before = ego.x - (other.x - other.length), other.x - (ego.x - ego.length)
+    return to_before > 0.0 and to_behind / MAX_BRAKE <= to_before / accel

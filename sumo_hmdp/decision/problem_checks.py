@@ -1,0 +1,174 @@
+"""Checks of a decision problem that take more than one key, on what a file holds before it is known to be valid."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sumo_hmdp.decision.problem_schema import LATERAL_KEYS, ProblemFile, lateral_form
+from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState
+from sumo_hmdp.domain.scene import EGO_ID
+from sumo_hmdp.errors import Problem
+from sumo_hmdp.prediction.policy import dead_end, sums_to_one
+from sumo_hmdp.validation import shown
+
+
+@dataclass(frozen=True)
+class RawDocument:
+    """What a file holds before it is known to be valid: looks values up and answers None where they do not fit."""
+
+    content: Any
+
+    def get(self, *path: str | int) -> Any:  # noqa: ANN401 - anything may stand in a file
+        """Return what stands at a path, None where there is no such place."""
+        current = self.content
+        for part in path:
+            if isinstance(part, int):
+                current = current[part] if isinstance(current, list) and part < len(current) else None
+            else:
+                current = current.get(part) if isinstance(current, Mapping) else None
+        return current
+
+    def number(self, *path: str | int) -> float | None:
+        """Return the finite number at a path, None where there is none."""
+        value = self.get(*path)
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            return None
+        try:
+            return float(value) if math.isfinite(value) else None
+        except OverflowError:
+            return None
+
+    def integer(self, *path: str | int) -> int | None:
+        """Return the whole number at a path, None where there is none."""
+        value = self.get(*path)
+        return value if isinstance(value, int) and not isinstance(value, bool) else None
+
+    def lane_count(self) -> int | None:
+        """Return the number of lanes, None where it is not usable."""
+        count = self.integer("lanes", "count")
+        return count if count is not None and count >= 1 else None
+
+
+def cross_checks(raw: RawDocument) -> Iterator[Problem]:
+    """Check what takes more than one field; values of a wrong type have been reported already."""
+    yield from _lane_checks(raw)
+    yield from _line_checks(raw)
+    yield from planner_checks(raw.get("planner"), "planner")
+    start, horizon = raw.get("start_plan"), raw.integer("planner", "horizon_steps")
+    if isinstance(start, list) and horizon is not None and len(start) != horizon:
+        yield Problem(
+            "start_plan", f"must have horizon_steps ({horizon}) steps, got {len(start)}; leave it out if unsure"
+        )
+    ids: set[str] = set()
+    for index in range(_length(raw.get("vehicles"))):
+        path = f"vehicles[{index}]"
+        vehicle_id = raw.get("vehicles", index, "id")
+        if isinstance(vehicle_id, str):
+            if vehicle_id in ids or vehicle_id == EGO_ID:
+                yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {shown(vehicle_id)}")
+            ids.add(vehicle_id)
+        yield from table_checks(raw.get("vehicles", index), path, raw.lane_count())
+
+
+def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
+    count = raw.lane_count()
+    if count is None:
+        return
+    places: list[tuple[str | int, ...]] = [("ego", "lane"), ("planner", "goal_lane")]
+    places += [("vehicles", index, "lane") for index in range(_length(raw.get("vehicles")))]
+    forbidden = raw.get("planner", "forbidden_lanes")
+    places += [("planner", "forbidden_lanes", index) for index in range(_length(forbidden))]
+    for index in range(_length(raw.get("stop_lines"))):
+        lanes = raw.get("stop_lines", index, "lanes")
+        places += [("stop_lines", index, "lanes", number) for number in range(_length(lanes))]
+    for place in places:
+        lane = raw.integer(*place)
+        if lane is not None and not 1 <= lane <= count:
+            text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place)[1:]
+            yield Problem(text, f"must be 1..{count}, got {lane}")
+    if isinstance(forbidden, list) and set(range(1, count + 1)) <= {x for x in forbidden if isinstance(x, int)}:
+        yield Problem("planner.forbidden_lanes", "must leave the ego at least one lane; take one out")
+
+
+def _line_checks(raw: RawDocument) -> Iterator[Problem]:
+    for index in range(_length(raw.get("stop_lines"))):
+        x, leaving = raw.number("stop_lines", index, "x_m"), raw.number("stop_lines", index, "leaving_x_m")
+        if x is not None and leaving is not None and leaving < x:
+            yield Problem(
+                f"stop_lines[{index}].leaving_x_m",
+                f"must be at least x_m ({x:g} m), got {leaving:g} m; leave it out if equal",
+            )
+
+
+def planner_checks(planner: Any, path: str) -> Iterator[Problem]:  # noqa: ANN401 - anything may stand in a file
+    """Check the relations between the planner's keys."""
+    raw = RawDocument(planner)
+    low, high = raw.number("speed_min_mps"), raw.number("speed_max_mps")
+    if low is not None and high is not None and low > high:
+        yield Problem(f"{path}.speed_min_mps", f"must be at most speed_max_mps ({high} m/s), got {low} m/s")
+    accel, period = raw.number("accel_mps2"), raw.number("period_s")
+    deadband = raw.number("speed_deadband_mps") or 0.0
+    if accel is not None and period is not None and (raw.number("terminal_weight") or 0.0) > 0:
+        least = accel * period / 2
+        # 0.6 * 2 / 2 is not quite 0.6 in binary.
+        if deadband < least - 1e-12:
+            yield Problem(
+                f"{path}.speed_deadband_mps",
+                f"must be at least half a speed step, accel_mps2 * period_s / 2 = {least:g} m/s, with a terminal "
+                f"weight, got {deadband:g} m/s; widen it or set terminal_weight to 0",
+            )
+
+
+def table_checks(vehicle: Any, path: str, lane_count: int | None) -> Iterator[Problem]:  # noqa: ANN401
+    """Check that the probability tables of a vehicle are distributions and cover every lane."""
+    raw = RawDocument(vehicle)
+    lateral = raw.get("lateral_probs")
+    if isinstance(lateral, Mapping):
+        if lateral_form(lateral) == "one":
+            yield from _sum_check(lateral, f"{path}.lateral_probs", LATERAL_KEYS)
+        else:
+            for lane, row in lateral.items():
+                if lane_count is not None and lane not in {str(n) for n in range(1, lane_count + 1)}:
+                    yield Problem(
+                        f"{path}.lateral_probs.{lane}",
+                        f"must be keyed by a lane 1..{lane_count}, got {shown(lane)}",
+                    )
+                yield from _sum_check(row, f"{path}.lateral_probs.{lane}", LATERAL_KEYS)
+            missing = [str(n) for n in range(1, (lane_count or 0) + 1) if str(n) not in lateral]
+            if missing:
+                yield Problem(f"{path}.lateral_probs", f"must have a table for every lane; add {', '.join(missing)}")
+    yield from _sum_check(
+        raw.get("longitudinal_probs"), f"{path}.longitudinal_probs", ("accelerate", "cruise", "decelerate")
+    )
+
+
+def _sum_check(table: Any, path: str, keys: tuple[str, ...]) -> Iterator[Problem]:  # noqa: ANN401
+    raw = RawDocument(table)
+    values = [number for key in keys if (number := raw.number(key)) is not None]
+    # A value outside [0, 1], or NaN, is a mistake of its own and has been reported.
+    usable = len(values) == len(keys) and all(0 <= value <= 1 for value in values)
+    if usable and not sums_to_one(values):
+        yield Problem(path, f"must sum to 1, got {sum(values):g}")
+
+
+def dead_ends(file: ProblemFile) -> Iterator[Problem]:
+    """Find policies that leave a vehicle nothing to do in a state that it can reach within the horizon."""
+    for index, vehicle in enumerate(file.vehicles):
+        start = ManeuverState(vehicle.lane, MODE_BY_LABEL[vehicle.mode])
+        stuck = dead_end(vehicle.policy(file.lanes.count), start, file.planner.horizon_steps)
+        if stuck is not None:
+            yield dead_end_problem(f"vehicles[{index}]", stuck)
+
+
+def dead_end_problem(path: str, stuck: ManeuverState) -> Problem:
+    """Describe a policy that has nothing admissible to do in some state."""
+    return Problem(
+        f"{path}.lateral_probs, {path}.longitudinal_probs",
+        f"must give an admissible action some probability in every state that is reached, got none in lane "
+        f"{stuck.lane}, mode {stuck.mode.label} (the mode moves by one level a step); give `keep` or `cruise` some",
+    )
+
+
+def _length(value: Any) -> int:  # noqa: ANN401 - anything may stand in a file
+    return len(value) if isinstance(value, list) else 0

@@ -1,0 +1,176 @@
+"""Planners by name: those of this package and those that other packages offer as entry points."""
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint
+from typing import Any, Literal
+
+from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
+from sumo_hmdp.decision.names import offered
+from sumo_hmdp.decision.planner import Belief, HmdpPlanner
+from sumo_hmdp.decision.problem_schema import PlannerFile
+from sumo_hmdp.decision.sumo_driver import SumoDriver, SumoFile, SumoPlanner
+from sumo_hmdp.domain.plan import Planner
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.validation import FileModel, nearest
+
+
+class HmdpParameters(PlannerFile):
+    """The keys of `hmdp_mpc` in a scenario: those of a decision file, and how far it sees.
+
+    In a scenario `occupancy` is `swept` unless it says otherwise, since under the paper's `target` a leader is dropped
+    the instant the intent changes; and `lane_change_time_s` is the ego's. `followers: all`, the paper's rule, keeps the
+    distance to whoever is behind as well. `other_lanes` leaves that to those behind who are in, or intend, a lane
+    that the ego's body is over: a prediction that does not react would have them drive into an ego that stops.
+    """
+
+    sensing_range_m: float = 200.0
+    followers: Literal["all", "other_lanes"] = "all"
+    occupancy: Literal["target", "swept"] = "swept"
+
+
+@dataclass(frozen=True)
+class PlannerContext:
+    """What a scenario offers to any planner.
+
+    Attributes:
+        lane_count: of the road.
+        lane_width: of the road [m].
+        dt: control step [s].
+        lane_change_time: of the ego [s].
+        beliefs: what the scenario says of each vehicle's policy and noise.
+        default_belief: of the vehicles it says nothing of.
+        solver: the name given with `--solver`.
+    """
+
+    lane_count: int
+    lane_width: float
+    dt: float
+    lane_change_time: float
+    beliefs: Mapping[str, Belief]
+    default_belief: Belief | None
+    solver: str
+
+
+@dataclass(frozen=True)
+class PlannerKind:
+    """A planner that scenarios can name.
+
+    Attributes:
+        name: in scenarios and on the command line.
+        summary: one line for `sumo-hmdp list`.
+        parameters: what its section in a scenario may hold.
+        build: makes the planner.
+        sumo_driver: says how SUMO drives the ego, for a planner that leaves it to SUMO; None where its commands do.
+    """
+
+    name: str
+    summary: str
+    parameters: type[FileModel]
+    build: Callable[[Any, PlannerContext], Planner[Any]]
+    sumo_driver: Callable[[Any, PlannerContext], SumoDriver] | None = None
+
+
+def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlanner:
+    settings = parameters.settings()
+    if "lane_change_time_s" not in parameters.model_fields_set:
+        settings = replace(settings, lane_change_time=context.lane_change_time)
+    return HmdpPlanner(
+        settings=settings,
+        beliefs=context.beliefs,
+        default_belief=context.default_belief,
+        sensing_range=parameters.sensing_range_m,
+        yields_to_followers=parameters.followers == "all",
+        solver=context.solver,
+    )
+
+
+HMDP_MPC = PlannerKind(
+    "hmdp_mpc", "hybrid-MDP prediction, chance-constrained MILP over maneuvers", HmdpParameters, _build_hmdp
+)
+
+
+def _build_idm_mobil(parameters: IdmMobilFile, context: PlannerContext) -> IdmMobilPlanner:
+    return IdmMobilPlanner(
+        dt=context.dt,
+        lane_change_time=context.lane_change_time,
+        lateral_period=parameters.lateral_period_s,
+        idm=parameters.idm(),
+        mobil=parameters.mobil(),
+    )
+
+
+IDM_MOBIL = PlannerKind(
+    "idm_mobil",
+    "the published rule-based baseline: IDM along the road, MOBIL across it",
+    IdmMobilFile,
+    _build_idm_mobil,
+)
+
+
+def _build_constant(parameters: ConstantFile, context: PlannerContext) -> ConstantPlanner:
+    del parameters
+    return ConstantPlanner(context.dt)
+
+
+CONSTANT = PlannerKind("constant", "keeps lane and speed, whatever happens", ConstantFile, _build_constant)
+
+
+def _build_sumo(parameters: SumoFile, context: PlannerContext) -> SumoPlanner:
+    del parameters
+    return SumoPlanner(context.dt)
+
+
+def _sumo_driver(parameters: SumoFile, context: PlannerContext) -> SumoDriver:
+    return parameters.driver(context.lane_change_time)
+
+
+SUMO = PlannerKind(
+    "sumo", "SUMO drives the ego: its IDM along the road, its LC2013 across it", SumoFile, _build_sumo, _sumo_driver
+)
+BUILT_IN = (HMDP_MPC, IDM_MOBIL, CONSTANT, SUMO)
+
+
+def planner_kinds() -> dict[str, PlannerKind]:
+    """Return every known planner by name.
+
+    Raises:
+        InputError: if two packages offer the same name, or one offers what cannot be imported or is no planner.
+    """
+    kinds = {kind.name: kind for kind in BUILT_IN}
+    problems = []
+    for entry in offered():
+        try:
+            kind = entry.load()
+        except Exception as error:  # noqa: BLE001 - anything may go wrong in somebody's module
+            problems.append(Problem(f"planner {entry.name}", _not_loaded(entry, error)))
+            continue
+        if not isinstance(kind, PlannerKind):
+            problems.append(Problem(f"planner {entry.name}", f"{entry.value} must be a PlannerKind, got {kind!r}"))
+            continue
+        if kind.name in kinds:
+            problems.append(Problem(f"planner {kind.name}", f"must be offered once, got it again from {entry.value}"))
+        kinds[kind.name] = kind
+    if problems:
+        raise InputError(problems)
+    return kinds
+
+
+def _not_loaded(entry: EntryPoint, error: Exception) -> str:
+    """Say why a planner cannot be imported, and the last line of its own code in which it broke."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if "importlib" not in frame.filename]
+    where = f" ({frames[-1].filename}, line {frames[-1].lineno})" if len(frames) > 1 else ""
+    return f"must be importable from {entry.value}, got {type(error).__name__}: {error}{where}. Correct or uninstall it"
+
+
+def planner_kind(name: str, path: str) -> PlannerKind:
+    """Return a planner by name.
+
+    Raises:
+        InputError: if there is none, with the nearest known name.
+    """
+    kinds = planner_kinds()
+    if name not in kinds:
+        raise InputError([Problem(path, f"must be a known planner, got {name!r}; {nearest(name, kinds)}")])
+    return kinds[name]

@@ -1,0 +1,279 @@
+"""Branches: the action sequences of the surrounding vehicles that are likely enough, and where they lead.
+
+Branches are expanded one array row a branch and pruned inside the recursion: a prefix goes as soon as even its best
+completion falls below the threshold, so no more rows ever live than branches survive.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_hmdp.domain.maneuver import ACTIONS, Lateral
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.prediction.dynamics import (
+    FloatArray,
+    LateralGains,
+    Noise,
+    next_covariance,
+    next_lateral,
+    next_longitudinal,
+    position_variances,
+)
+from sumo_hmdp.prediction.policy import Policy, action_probabilities
+
+IntArray = NDArray[np.int64]
+
+# A product that equals the threshold on paper may miss it by rounding; it is kept.
+THRESHOLD_SLACK = 1e-12
+
+_LATERAL_OF_ACTION = np.array([action.lateral for action in ACTIONS])
+_MODE_CHANGE_OF_ACTION = np.array([action.mode_change for action in ACTIONS])
+
+
+@dataclass(frozen=True)
+class PredictedVehicle:
+    """A surrounding vehicle with what is believed of it.
+
+    Attributes:
+        state: where it is and what it intends.
+        policy: how it chooses its actions.
+        noise: how uncertain its motion is.
+    """
+
+    state: VehicleState
+    policy: Policy
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """How far and how finely to predict.
+
+    Attributes:
+        horizon_steps: H >= 1.
+        period: of one step [s].
+        accel: nominal acceleration of the modes [m/s2].
+        sequence_threshold: least probability delta_seq of a whole sequence, in (0, 1].
+        action_threshold: least probability delta of a single action; 0 drops none.
+        gains: of the lateral model.
+    """
+
+    horizon_steps: int
+    period: float
+    accel: float
+    sequence_threshold: float
+    action_threshold: float = 0.0
+    gains: LateralGains = field(default_factory=LateralGains)
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """All retained branches of all vehicles: B rows, H steps, V vehicles.
+
+    In memory the rows of a step lie side by side: there are many, and few steps.
+
+    Attributes:
+        vehicles: the vehicles they belong to, V of them.
+        vehicle: (B,) index into `vehicles`, rising.
+        probability: (B,) of the whole sequence.
+        laterals: (B, H) lateral action of each step.
+        lanes: (B, H) intended lane after each step.
+        modes: (B, H) mode after each step's action, -1, 0 or 1.
+        x: (B, H) mean front bumper [m].
+        speed: (B, H) mean [m/s].
+        x_std: (V, H) standard deviation of x [m].
+        pruned: (V,) probability of all that was dropped.
+    """
+
+    vehicles: tuple[PredictedVehicle, ...]
+    vehicle: IntArray
+    probability: FloatArray
+    laterals: IntArray
+    lanes: IntArray
+    modes: IntArray
+    x: FloatArray
+    speed: FloatArray
+    x_std: FloatArray
+    pruned: FloatArray
+
+    @cached_property
+    def length(self) -> FloatArray:
+        """Of each branch's vehicle, (B,) [m]."""
+        return np.array([v.state.length for v in self.vehicles], dtype=np.float64)[self.vehicle]
+
+
+def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> Branches:
+    """Predict every vehicle over the horizon (docs/formulation.md, eqs. 3 to 7).
+
+    Args:
+        vehicles: any number, in the order in which the branches shall come.
+        settings: horizon, thresholds and model.
+
+    Returns:
+        For each vehicle the sequences whose probability reaches `sequence_threshold`, or the single likeliest
+        one where none does; of several the first in the order of actions.
+    """
+    H = settings.horizon_steps
+    V = len(vehicles)
+    trees = _trees(vehicles, settings)
+    vehicle = np.repeat(np.arange(V), [len(tree.probability) for tree in trees])
+    probability, laterals, lanes, modes = (
+        np.concatenate(each, axis=-1).T for each in zip(_no_tree(H), *trees, strict=True)
+    )
+    x_now = np.array([v.state.x for v in vehicles], dtype=np.float64)[vehicle]
+    speed_now = np.array([v.state.speed for v in vehicles], dtype=np.float64)[vehicle]
+    mode = np.array([int(v.state.mode) for v in vehicles], dtype=np.int64)[vehicle]
+    x, speed = np.empty((2, H, len(vehicle))).transpose(0, 2, 1)
+    for k in range(H):
+        # The mode BEFORE the step's action gives the acceleration of a surrounding vehicle.
+        x_now, speed_now = next_longitudinal(
+            x_now, speed_now, settings.accel * mode.astype(np.float64), settings.period
+        )
+        x[:, k], speed[:, k], mode = x_now, speed_now, modes[:, k]
+    deviations = np.array([_position_deviations(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
+    kept = np.bincount(vehicle, weights=probability, minlength=V) if V else np.zeros(0)
+    return Branches(
+        vehicles=tuple(vehicles),
+        vehicle=vehicle,
+        probability=probability,
+        laterals=laterals,
+        lanes=lanes,
+        modes=modes,
+        x=x,
+        speed=speed,
+        x_std=deviations,
+        pruned=np.minimum(np.maximum(1.0 - kept, 0.0), 1.0),
+    )
+
+
+class _Tree(NamedTuple):
+    """The B likely sequences from one maneuver, (H, B) but for the probability."""
+
+    probability: FloatArray
+    laterals: IntArray
+    lanes: IntArray
+    modes: IntArray
+
+
+def _no_tree(steps: int) -> _Tree:
+    """Return no sequence at all; what is joined to it has the right shape and type."""
+    nothing = np.zeros((steps, 0), dtype=np.int64)
+    return _Tree(np.zeros(0), nothing, nothing, nothing)
+
+
+def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> list[_Tree]:
+    """Return the likely sequences of each vehicle (docs/formulation.md, eq. 7)."""
+    shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
+    # Policies are long to compare, and most vehicles have the very same one.
+    known: dict[tuple[int, int, int], _Tree] = {}
+    trees = []
+    for vehicle in vehicles:
+        maneuver = id(vehicle.policy), vehicle.state.lane, int(vehicle.state.mode)
+        if maneuver not in known:
+            known[maneuver] = _likely_from(vehicle.policy, *maneuver[1:], shared)
+        trees.append(known[maneuver])
+    return trees
+
+
+# Vehicles in the same maneuver of which the same is believed have the same sequences.
+@lru_cache(maxsize=256)
+def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSettings) -> _Tree:
+    """Expand and prune the sequences from one maneuver."""
+    H = settings.horizon_steps
+    table = action_probabilities(policy)
+    likeliest = _completions(table, H)
+    usable = np.where(table >= max(settings.action_threshold * (1 - THRESHOLD_SLACK), np.nextafter(0, 1)), table, 0.0)
+    reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
+    lanes, modes, probability = np.array([lane - 1]), np.array([mode + 1]), np.ones(1)
+    threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
+    # A vehicle none of whose sequences reaches the threshold keeps its likeliest one: the first of those that are as
+    # likely, since the same factors in another order may differ by rounding.
+    lonely = bool(reachable[H][lane - 1, mode + 1] < threshold)
+    allowed, best = (table, likeliest) if lonely else (usable, reachable)
+    if lonely:
+        threshold = likeliest[H][lane - 1, mode + 1] * (1 - THRESHOLD_SLACK)
+    history = np.zeros((1, 0), dtype=np.int64)
+    for k in range(H):
+        next_lane = np.clip(lanes[:, None] + _LATERAL_OF_ACTION, 0, table.shape[0] - 1)
+        next_mode = np.clip(modes[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
+        child = probability[:, None] * allowed[lanes, modes]
+        onward = best[H - 1 - k][next_lane, next_mode]
+        row, action = np.nonzero((child > 0) & (child * onward >= threshold))
+        if lonely:
+            row, action = row[:1], action[:1]
+        history = np.column_stack([history[row], action])
+        probability = child[row, action]
+        lanes, modes = next_lane[row, action], next_mode[row, action]
+    laterals, changes = _LATERAL_OF_ACTION[history.T], _MODE_CHANGE_OF_ACTION[history.T]
+    return _Tree(probability, laterals, lane + np.cumsum(laterals, axis=0), mode + np.cumsum(changes, axis=0))
+
+
+def _completions(table: FloatArray, steps: int) -> list[FloatArray]:
+    """Return for 0..steps remaining steps the probability of the likeliest way on, each of shape (lanes, 3)."""
+    lanes = table.shape[0]
+    lane, mode = np.arange(lanes)[:, None, None], np.arange(3)[None, :, None]
+    # Inadmissible actions have probability 0, so where their clipped successor points does not matter.
+    next_lane = np.clip(lane + _LATERAL_OF_ACTION, 0, lanes - 1)
+    next_mode = np.clip(mode + _MODE_CHANGE_OF_ACTION, 0, 2)
+    best = [np.ones((lanes, 3))]
+    for _ in range(steps):
+        best.append((table * best[-1][next_lane, next_mode]).max(axis=2))
+    return best
+
+
+@lru_cache(maxsize=4096)
+def _position_deviations(noise: Noise, period: float, steps: int) -> FloatArray:
+    """Return the standard deviation of x after each step 1..H, shape (H,) [m]."""
+    return np.sqrt(position_variances(noise, period, steps))
+
+
+def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:
+    """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 4)."""
+    y_now = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
+    means = np.repeat(y_now[:, None], settings.horizon_steps, axis=1)
+    rows = lane_changing(branches)
+    means[rows] = lane_change_means(branches, rows, road, settings)
+    return means
+
+
+def lane_changing(branches: Branches) -> IntArray:
+    """Return the rows that change lanes at some step; the others keep their y, and are by far the most."""
+    return np.flatnonzero((branches.laterals != 0).any(axis=1))
+
+
+def lane_change_means(branches: Branches, rows: IntArray, road: Road, settings: PredictionSettings) -> FloatArray:
+    """Return the mean y of some branches, (N, H) [m] (docs/formulation.md, eq. 4)."""
+    vehicle, changes = branches.vehicle[rows], branches.laterals[rows] != 0
+    y = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[vehicle]
+    lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[vehicle]
+    y_ref = ((road.lane_count + 1) / 2 - branches.lanes[rows].astype(np.float64)) * road.lane_width
+    means = np.empty(changes.shape)
+    for k in range(settings.horizon_steps):
+        following = next_lateral(y, lateral_speed, changes[:, k], y_ref[:, k], settings.period, settings.gains)
+        lateral_speed = (following - y) / settings.period
+        y = means[:, k] = following
+    return means
+
+
+def covariances(branches: Branches, index: int, settings: PredictionSettings) -> FloatArray:
+    """Return the full covariance of one branch after each step, shape (H, 3, 3) (docs/formulation.md, eq. 5)."""
+    noise = branches.vehicles[branches.vehicle[index]].noise
+    return _covariances(noise, tuple(branches.laterals[index].tolist()), settings.period, settings.gains)
+
+
+@lru_cache(maxsize=1024)
+def _covariances(noise: Noise, laterals: tuple[int, ...], period: float, gains: LateralGains) -> FloatArray:
+    """Return the covariances of all branches with these lateral actions: nothing else changes them."""
+    covariance = noise.initial_covariance()
+    result = []
+    for lateral in laterals:
+        covariance = next_covariance(covariance, Lateral(lateral), period, gains, noise)
+        result.append(covariance)
+    stacked = np.array(result)
+    stacked.flags.writeable = False
+    return stacked
