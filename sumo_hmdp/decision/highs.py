@@ -267,6 +267,76 @@ def solve(
         solution = highspy.HighsSolution()
         solution.col_value = start.tolist()
         solver.setSolution(solution)
+    return _result(solver)
+
+
+def solve_model(model: pyo.ConcreteModel, time_limit: float = highspy.kHighsInf) -> MilpResult:
+    """Solve a linear model in Pyomo as it is; values come in the order of its variables.
+
+    Args:
+        model: with numbers only, no data to fill in.
+        time_limit: of the solve [s].
+    """
+    _, unknowns = _numbered(model)
+    column = {id(variable): number for number, variable in enumerate(unknowns)}
+    rows: list[int] = []
+    cols: list[int] = []
+    values: list[float] = []
+    low: list[float] = []
+    high: list[float] = []
+    for number, row in enumerate(model.component_data_objects(pyo.Constraint)):
+        linear = generate_standard_repn(row.body)
+        rows += [number] * len(linear.linear_vars)
+        cols += [column[id(variable)] for variable in linear.linear_vars]
+        values += linear.linear_coefs
+        low.append(-np.inf if row.lower is None else pyo.value(row.lower) - linear.constant)
+        high.append(np.inf if row.upper is None else pyo.value(row.upper) - linear.constant)
+    cost = np.zeros(len(unknowns))
+    linear = generate_standard_repn(model.cost.expr)
+    for variable, factor in zip(linear.linear_vars, linear.linear_coefs, strict=True):
+        cost[column[id(variable)]] += factor
+    matrix = sparse.csc_array((values, (rows, cols)), shape=(len(low), len(unknowns)))
+    integer = np.array([variable.is_binary() for variable in unknowns], dtype=np.int32)
+    top = np.array([highspy.kHighsInf if v.ub is None else v.ub for v in unknowns], dtype=np.float64)
+    return _run(matrix, np.array(low), np.array(high), cost, top, integer, time_limit)
+
+
+def _run(
+    matrix: sparse.csc_array,
+    low: FloatArray,
+    high: FloatArray,
+    cost: FloatArray,
+    top: FloatArray,
+    integer: NDArray[np.int32],
+    time_limit: float,
+) -> MilpResult:
+    """Pass one whole model to HiGHS and solve it."""
+    solver = _solver()
+    presolve = len(cost) >= PRESOLVE_FROM_COLUMNS
+    solver.setOptionValue("presolve", "choose" if presolve else "off")
+    solver.setOptionValue("time_limit", solver.getRunTime() + time_limit)
+    solver.passModel(
+        len(cost),
+        len(low),
+        matrix.nnz,
+        int(highspy.MatrixFormat.kColwise),
+        int(highspy.ObjSense.kMinimize),
+        0.0,
+        cost,
+        np.zeros(len(cost)),
+        top,
+        low,
+        high,
+        matrix.indptr.astype(np.int32),
+        matrix.indices.astype(np.int32),
+        matrix.data,
+        integer,
+    )
+    return _result(solver)
+
+
+def _result(solver: highspy.Highs) -> MilpResult:
+    """Run HiGHS and return what it found."""
     solver.run()
     status = solver.modelStatusToString(solver.getModelStatus())
     found = solver.getInfoValue("primal_solution_status")[1] == int(highspy.SolutionStatus.kSolutionStatusFeasible)

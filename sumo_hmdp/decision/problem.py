@@ -23,6 +23,7 @@ class RiskAllocation(StrEnum):
     INDIVIDUAL = "individual"
     UNIFORM = "uniform"
     MIXTURE = "mixture"
+    JOINT = "joint"
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,11 @@ class PlannerSettings:
         """Tell whether the safe distance differs from one speed of the ego to another."""
         if self.distance_rule is DistanceRule.TIME_HEADWAY:
             return self.time_headway > 0.0
+        return self.distance_rule is DistanceRule.RSS
+
+    @property
+    def distance_needs_other_speed(self) -> bool:
+        """Tell whether the safe distance differs from one speed of the other vehicle to another."""
         return self.distance_rule is DistanceRule.RSS
 
     def prediction(self) -> PredictionSettings:

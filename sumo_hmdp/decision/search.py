@@ -90,11 +90,11 @@ def _grow(lattice: EgoLattice, start_mode: Mode, first: Mode | None) -> Sequence
     zero = np.zeros(1, dtype=np.int64)
     steps = [ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1))]
     for k in range(lattice.steps):
-        steps.append(_extend(lattice, steps[-1], _MODES if k or first is None else np.array([int(first)])))
+        steps.append(extend_modes(lattice, steps[-1], _MODES if k or first is None else np.array([int(first)])))
     return steps
 
 
-def _extend(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
+def extend_modes(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
     """Extend every prefix by each of some modes that is at most one level away (docs/formulation.md, eq. 11)."""
     parent, choice = np.nonzero(np.abs(before.mode[:, None] - modes) <= 1)
     mode = modes[choice]

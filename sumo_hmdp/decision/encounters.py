@@ -1,0 +1,283 @@
+"""Encounters: how likely each surrounding vehicle is too near to the ego along the road, place by place.
+
+For every vehicle and every place of the ego, the probability that the distance falls short, that it is kept ahead, and
+that it is kept behind, summed over the vehicle's places (`prediction/places.py`); lanes do not matter here. With
+component c of vehicle i at step k, mean m and deviation sigma (docs/formulation.md, eq. 36):
+
+    Pa(x) = Phi((x - d_a - m) / sigma),   Pb(x) = 1 - Phi((x + d_b - m) / sigma),   N(x) = 1 - Pa(x) - Pb(x)
+
+with sigma = 0: 0 or 1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from sumo_hmdp.decision.distance import clearance_to
+from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
+from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
+from sumo_hmdp.prediction.dynamics import FloatArray, position_variances
+from sumo_hmdp.prediction.places import Places, places_of
+
+# A normal variable is farther from its mean than this many deviations with a probability of 1e-15.
+FAR = 8.0
+
+
+class Distance(Enum):
+    """Which distance is asked about: the safe one, or the one below which bodies touch."""
+
+    SAFE = "safe"
+    CONTACT = "contact"
+
+
+class EgoPlaces(NamedTuple):
+    """Places of the ego at the end of one step.
+
+    Attributes:
+        x: (E,) front bumper [m].
+        speed: (E,) [m/s].
+        hops: (G, 2) pairs of a place one step before and a place of this step.
+    """
+
+    x: FloatArray
+    speed: FloatArray
+    hops: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class StepEncounters:
+    """What V vehicles may be to the ego at one step.
+
+    Attributes:
+        short: (V, E) probability that the distance falls short.
+        again: (V, G) probability that it falls short at this step and one step before.
+        passes: (V, G) probability that it is kept at both, on different sides.
+        missing: (V, E) expectation of the metres that are missing; None where not asked for.
+    """
+
+    short: FloatArray
+    again: FloatArray
+    passes: FloatArray
+    missing: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Vehicles with the same places relative to where they would be at their present speeds."""
+
+    rows: IntArray
+    places: Places
+    x: FloatArray
+    speed: FloatArray
+    length: FloatArray
+    std: FloatArray
+
+
+def encounters(
+    problem: DecisionProblem,
+    vehicles: Sequence[PredictedVehicle],
+    ego: Sequence[EgoPlaces],
+    distance: Distance,
+    *,
+    missing: bool = False,
+) -> tuple[StepEncounters, ...]:
+    """Return what each vehicle may be to the ego at each step (docs/formulation.md, eq. 36).
+
+    Args:
+        problem: the decision problem.
+        vehicles: some of its vehicles, V.
+        ego: its places at each step 1..H.
+        distance: which distance.
+        missing: whether the missing metres are wanted.
+    """
+    V = len(vehicles)
+    found = [
+        StepEncounters(
+            np.zeros((V, len(place.x))),
+            np.zeros((V, len(place.hops))),
+            np.zeros((V, len(place.hops))),
+            np.zeros((V, len(place.x))) if missing else None,
+        )
+        for place in ego
+    ]
+    for group in _groups(problem, vehicles):
+        before = _start_sides(problem, group)
+        for k, place in enumerate(ego):
+            before = _fill(problem, group, k, place, before, found[k], distance)
+    return tuple(found)
+
+
+def dropped_probability(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> FloatArray:
+    """Return the probability of the places along the road that are too unlikely to be kept, (V,)."""
+    return np.array([_places(problem, vehicle).dropped for vehicle in vehicles], dtype=np.float64)
+
+
+def in_reach(
+    problem: DecisionProblem, vehicles: Sequence[PredictedVehicle], ego: Sequence[EgoPlaces]
+) -> tuple[int, ...]:
+    """Return the vehicles whose distance may matter to some plan: those that are not surely ahead, or surely behind.
+
+    Only an upper bound of the positions of the ego and of the vehicle is looked at, so that a vehicle out of reach
+    costs next to nothing.
+    """
+    settings, found = problem.settings, []
+    H, T, accel = settings.horizon_steps, settings.period, settings.accel
+    step = np.arange(1, H + 1)
+    ways = accel * (step * T) ** 2 / 2
+    low, high = np.array([place.x.min() for place in ego]), np.array([place.x.max() for place in ego])
+    fastest = max(float(place.speed.max()) for place in ego)
+    for index, vehicle in enumerate(vehicles):
+        state = vehicle.state
+        drift = state.x + state.speed * step * T
+        slack = FAR * _deviations(vehicle, T, H)
+        # Distances grow with the speeds under every rule.
+        most = clearance_to(
+            problem, np.array(state.length), np.array([state.speed + H * accel * T, 0.0]), np.zeros(2), fastest
+        )
+        ahead = (drift - np.minimum(ways, state.speed * step * T) - slack) > high + most.behind.max()
+        behind = (drift + ways + slack) < low - most.ahead.max()
+        if not (ahead.all() and state.x >= problem.ego.x) and not (behind.all() and state.x < problem.ego.x):
+            found.append(index)
+    return tuple(found)
+
+
+def _groups(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> list[_Group]:
+    rows: dict[int, list[int]] = {}
+    known: dict[int, Places] = {}
+    for row, vehicle in enumerate(vehicles):
+        places = _places(problem, vehicle)
+        known[id(places)] = places
+        rows.setdefault(id(places), []).append(row)
+    T, H = problem.settings.period, problem.settings.horizon_steps
+    return [
+        _Group(
+            np.array(members),
+            known[key],
+            np.array([vehicles[row].state.x for row in members]),
+            np.array([vehicles[row].state.speed for row in members]),
+            np.array([vehicles[row].state.length for row in members]),
+            np.array([_deviations(vehicles[row], T, H) for row in members]),
+        )
+        for key, members in rows.items()
+    ]
+
+
+def _places(problem: DecisionProblem, vehicle: PredictedVehicle) -> Places:
+    settings = problem.settings
+    return places_of(
+        vehicle.policy.longitudinal,
+        int(vehicle.state.mode),
+        vehicle.state.speed / (settings.accel * settings.period),
+        settings.horizon_steps,
+        by_speed=settings.distance_needs_other_speed,
+    )
+
+
+def _deviations(vehicle: PredictedVehicle, period: float, steps: int) -> FloatArray:
+    return _deviations_of(vehicle.noise, period, steps)
+
+
+@lru_cache(maxsize=4096)
+def _deviations_of(noise: object, period: float, steps: int) -> FloatArray:
+    """Return the standard deviation of x after each step 1..H, (H,) [m]."""
+    return np.sqrt(position_variances(noise, period, steps))  # type: ignore[arg-type]
+
+
+class _Sides(NamedTuple):
+    """Probabilities at one step, (V, E, D): kept ahead of the vehicle, kept behind it, short."""
+
+    ahead: FloatArray
+    behind: FloatArray
+    short: FloatArray
+
+
+def _start_sides(problem: DecisionProblem, group: _Group) -> _Sides:
+    """Return the sides now: nothing falls short yet, and a side is where the front bumper is."""
+    ahead = (problem.ego.x > group.x).astype(np.float64)[:, None, None]
+    return _Sides(ahead, 1.0 - ahead, np.zeros_like(ahead))
+
+
+def _fill(
+    problem: DecisionProblem,
+    group: _Group,
+    k: int,
+    ego: EgoPlaces,
+    before: _Sides,
+    into: StepEncounters,
+    distance: Distance,
+) -> _Sides:
+    """Work one step out for one group and write it into its rows; return the sides for the step that follows."""
+    settings, places = problem.settings, group.places.steps[k]
+    unit, T = settings.accel * settings.period**2 / 2, settings.period
+    mean = (group.x + group.speed * (k + 1) * T)[:, None] + unit * places.point
+    other_speed = group.speed[:, None] + settings.accel * T * places.speed
+    apart = ego.x[:, None] - mean[:, None, :]
+    ahead, behind = _distances(problem, group, ego, other_speed, distance)
+    std = group.std[:, k, None, None]
+    sides = _sides(apart, ahead, behind, std)
+    weight = places.place_probability
+    into.short[group.rows] = sides.short @ weight
+    old, new = ego.hops.T
+    chance = places.transition
+
+    def both(first: FloatArray, second: FloatArray) -> FloatArray:
+        return np.einsum("vgd,vgd->vg", (first @ chance)[:, old], second[:, new])
+
+    into.again[group.rows] = both(before.short, sides.short)
+    into.passes[group.rows] = both(before.ahead, sides.behind) + both(before.behind, sides.ahead)
+    if into.missing is not None:
+        into.missing[group.rows] = _missing(apart, ahead, behind, std) @ weight
+    return sides
+
+
+def _distances(
+    problem: DecisionProblem, group: _Group, ego: EgoPlaces, other_speed: FloatArray, distance: Distance
+) -> tuple[FloatArray, FloatArray]:
+    """Return the distances ahead and behind, less the tolerance of eq. 14, broadcast against (V, E, D) [m]."""
+    length = group.length[:, None, None]
+    if problem.settings.distance_hangs_on_speed:
+        speed, other = ego.speed[:, None], other_speed[:, None, :]
+    else:
+        speed, other = np.zeros(1), np.zeros((1, 1, 1))
+    safe = clearance_to(problem, length, other, np.zeros(1), speed)
+    ahead, behind = np.asarray(safe.ahead), np.asarray(safe.behind)
+    if distance is Distance.CONTACT:
+        ahead, behind = np.minimum(ahead, problem.ego.length), np.minimum(behind, length)
+    return ahead - DISTANCE_TOLERANCE, behind - DISTANCE_TOLERANCE
+
+
+def _sides(apart: FloatArray, ahead: FloatArray, behind: FloatArray, std: FloatArray) -> _Sides:
+    """Return on which side the distance is kept, and that it is not (docs/formulation.md, eq. 36)."""
+    certain = std == 0.0
+    spread = np.where(certain, 1.0, std)
+    kept_ahead = ndtr((apart - ahead) / spread)
+    not_behind = ndtr((apart + behind) / spread)
+    if certain.any():
+        kept_ahead = np.where(certain, apart >= ahead, kept_ahead)
+        not_behind = np.where(certain, apart > -behind, not_behind)
+    return _Sides(kept_ahead, 1.0 - not_behind, np.maximum(not_behind - kept_ahead, 0.0))
+
+
+def _missing(apart: FloatArray, ahead: FloatArray, behind: FloatArray, std: FloatArray) -> FloatArray:
+    """Return the expected metres that are missing to the distance of the nearer side, (V, E, D).
+
+    With Z the place of the vehicle behind the ego's, normal about `apart`, that is d_a - Z for 0 < Z < d_a and
+    d_b + Z for -d_b < Z <= 0.
+    """
+    spread = np.where(std == 0.0, 1e-9, std)
+
+    def upto(bound: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        z = (bound - apart) / spread
+        density = np.exp(-np.minimum(z**2, 1400.0) / 2) / np.sqrt(2 * np.pi)
+        chance = ndtr(z)
+        return chance, apart * chance - spread * density
+
+    (p_low, e_low), (p_zero, e_zero), (p_high, e_high) = upto(-behind), upto(0.0), upto(ahead)
+    below = behind * (p_zero - p_low) + (e_zero - e_low)
+    above = ahead * (p_high - p_zero) - (e_high - e_zero)
+    return np.asarray(np.maximum(below, 0.0) + np.maximum(above, 0.0))

@@ -1,0 +1,215 @@
+"""How likely a vehicle takes up the lanes of a footprint, without a branch tree (docs/formulation.md, eq. 35).
+
+The lateral actions of a policy are a chain of their own. Sequences that lead to the same intended lane and the same
+place across the road are merged, which is exact; what falls below a threshold is dropped and its probability reported.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from sumo_hmdp.domain.occupancy import BODY_TOLERANCE
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.prediction.branches import BoolArray, IntArray, PredictedVehicle
+from sumo_hmdp.prediction.dynamics import FloatArray, LateralGains, next_lateral
+from sumo_hmdp.prediction.lateral import centers_of, lateral_deviations, next_on_path, path_of
+from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct
+from sumo_hmdp.prediction.policy import Policy
+
+
+class LanesTaken(NamedTuple):
+    """Probabilities at one step for V vehicles and the ego's U footprints, U' one step before.
+
+    Attributes:
+        now: (V, U) that the vehicle takes up a lane of the footprint.
+        both: (V, U', U) that it does, of one footprint before and of one now.
+    """
+
+    now: FloatArray
+    both: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LaneForecast:
+    """The lanes of V vehicles over the horizon.
+
+    Attributes:
+        steps: one for each step 1..H.
+        dropped: (V,) probability of what fell below the threshold.
+    """
+
+    steps: tuple[LanesTaken, ...]
+    dropped: FloatArray
+
+
+@dataclass(frozen=True)
+class LaneRules:
+    """How lanes are predicted and counted.
+
+    Attributes:
+        road: the lanes.
+        period: of a step [s].
+        gains: of the paper's law across the road; None for lane changes that take their time.
+        swept: whether the lanes that a body is over count, beside the lane that is intended.
+    """
+
+    road: Road
+    period: float
+    gains: LateralGains | None
+    swept: bool
+
+
+class _States(NamedTuple):
+    """R states of vehicles across the road; `y` is the path where drivers follow their lanes, else the place itself."""
+
+    vehicle: IntArray
+    lane: IntArray
+    y: FloatArray
+    speed: FloatArray
+    variance: FloatArray
+    probability: FloatArray
+
+
+def lanes_taken(
+    vehicles: Sequence[PredictedVehicle], rules: LaneRules, footprints: Sequence[BoolArray]
+) -> LaneForecast:
+    """Return how likely each vehicle takes up the ego's lanes, step by step (docs/formulation.md, eq. 35).
+
+    Args:
+        vehicles: any number, V.
+        rules: the road and the law.
+        footprints: of the ego now and at each step 1..H, (U, lanes) each.
+    """
+    V, steps = len(vehicles), []
+    dropped = np.zeros(V)
+    if not V:
+        empty = [LanesTaken(np.zeros((0, len(b))), np.zeros((0, len(a), len(b)))) for a, b in _pairs(footprints)]
+        return LaneForecast(tuple(empty), dropped)
+    drivers = _Drivers.of(vehicles, rules, len(footprints) - 1)
+    states = drivers.start()
+    taken = _taken(states, drivers, 0, footprints[0])
+    for k, footprint in enumerate(footprints[1:], start=1):
+        moved, before = _expand(states, drivers)
+        keys = (moved.vehicle, moved.lane, moved.y, moved.speed, moved.variance)
+        first, merged = distinct(*keys)
+        states = _States(*(column[first] for column in moved))
+        states = states._replace(probability=np.bincount(merged, weights=moved.probability))
+        after = _taken(states, drivers, k, footprint)
+        # Rows come vehicle by vehicle, so the sums over a vehicle's rows are sums of neighbours.
+        starts = np.searchsorted(moved.vehicle, np.arange(V))
+        pairs = moved.probability[:, None, None] * taken[before][:, :, None] * after[merged][:, None, :]
+        steps.append(
+            LanesTaken(
+                np.add.reduceat(moved.probability[:, None] * after[merged], starts, axis=0),
+                np.add.reduceat(pairs, starts, axis=0),
+            )
+        )
+        kept = states.probability >= LEAST_PLACE_PROBABILITY
+        if not kept.all():
+            dropped += np.bincount(states.vehicle[~kept], weights=states.probability[~kept], minlength=V)
+            states = _States(*(column[kept] for column in states))
+            after = after[kept]
+        taken = after
+    return LaneForecast(tuple(steps), dropped)
+
+
+def _pairs(footprints: Sequence[BoolArray]) -> list[tuple[BoolArray, BoolArray]]:
+    return list(zip(footprints[:-1], footprints[1:], strict=True))
+
+
+@lru_cache(maxsize=4096)
+def lateral_transitions(policy: Policy) -> FloatArray:
+    """Return the probabilities of left, keep and right in each lane, (lanes, 3), masked and renormalised (eq. 3)."""
+    table = np.array(policy.lateral, dtype=np.float64)
+    table[0, 0] = table[-1, 2] = 0.0
+    total = table.sum(axis=1, keepdims=True)
+    result = np.divide(table, total, out=np.zeros_like(table), where=total > 0)
+    result.flags.writeable = False
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Drivers:
+    """What does not change within the horizon, one row a vehicle."""
+
+    rules: LaneRules
+    table: FloatArray
+    states: _States
+    width: FloatArray
+    reach: FloatArray
+    deviation: FloatArray
+    std: FloatArray
+    step_variance: FloatArray
+
+    @staticmethod
+    def of(vehicles: Sequence[PredictedVehicle], rules: LaneRules, steps: int) -> "_Drivers":
+        road, V = rules.road, len(vehicles)
+        lane = np.array([v.state.lane for v in vehicles], dtype=np.int64)
+        y, speed, width = np.array([(v.state.y, v.state.lateral_speed, v.state.width) for v in vehicles]).T
+        change_speed = np.array([v.following.change_speed(road) for v in vehicles])
+        decay = np.array([v.following.decay(rules.period) for v in vehicles])
+        place, variance, zero = y, np.array([v.noise.initial_lateral_var for v in vehicles]), np.zeros(V)
+        std = np.zeros((V, steps + 1))
+        if not rules.swept:
+            place, speed, variance = zero, zero, zero
+        elif rules.gains is None:
+            place = path_of(y, speed, width, centers_of(road, lane), change_speed, road)
+            std = np.array([lateral_deviations(v.noise, v.following, rules.period, steps) for v in vehicles])
+            # A body that is seen is where it is seen.
+            std[:, 0] = 0.0
+            speed, variance = zero, zero
+        return _Drivers(
+            rules=rules,
+            table=np.stack([lateral_transitions(v.policy) for v in vehicles]),
+            states=_States(np.arange(V), lane, place, speed, variance, np.ones(V)),
+            width=width,
+            reach=change_speed * rules.period,
+            deviation=(y - place)[:, None] * decay[:, None] ** np.arange(steps + 1),
+            std=std,
+            step_variance=np.array([v.noise.process_position_var for v in vehicles]),
+        )
+
+    def start(self) -> _States:
+        return self.states
+
+
+def _expand(states: _States, drivers: _Drivers) -> tuple[_States, IntArray]:
+    """Return every state one step on, and the state that each comes from."""
+    rules = drivers.rules
+    chance = drivers.table[states.vehicle, states.lane - 1]
+    row, action = np.nonzero(chance)
+    vehicle, lane = states.vehicle[row], states.lane[row] + action - 1
+    y, speed, variance = states.y[row], states.speed[row], states.variance[row]
+    if rules.swept and rules.gains is None:
+        y = next_on_path(y, centers_of(rules.road, lane), drivers.reach[vehicle])
+    elif rules.swept and rules.gains is not None:
+        changes, factor = action != 1, 1.0 - rules.gains.k1 * rules.period**2 / 2
+        following = next_lateral(y, speed, changes, centers_of(rules.road, lane), rules.period, rules.gains)
+        speed, y = (following - y) / rules.period, following
+        variance = np.where(changes, factor**2, 1.0) * variance + drivers.step_variance[vehicle]
+    return _States(vehicle, lane, y, speed, variance, states.probability[row] * chance[row, action]), row
+
+
+def _taken(states: _States, drivers: _Drivers, k: int, footprint: BoolArray) -> FloatArray:
+    """Return the probability that each state takes up a lane of each footprint at step k, (R, U)."""
+    intended = footprint[:, states.lane - 1].T
+    rules = drivers.rules
+    if not rules.swept or not len(footprint):
+        return intended.astype(np.float64)
+    if rules.gains is None:
+        y, std = states.y + drivers.deviation[states.vehicle, k], drivers.std[states.vehicle, k]
+    else:
+        y, std = states.y, np.sqrt(states.variance) if k else np.zeros(len(states.y))
+    # The lanes of a footprint lie side by side: from the left edge of its first to the right edge of its last.
+    first, last = footprint.argmax(axis=1), footprint.shape[1] - 1 - footprint[:, ::-1].argmax(axis=1)
+    left, right = centers_of(rules.road, first + 1), centers_of(rules.road, last + 1)
+    reach = (rules.road.lane_width + drivers.width[states.vehicle]) / 2 - BODY_TOLERANCE
+    above, below = left + reach[:, None] - y[:, None], right - reach[:, None] - y[:, None]
+    certain = std[:, None] == 0.0
+    spread = np.where(certain, 1.0, std[:, None])
+    over = np.where(certain, (below < 0) & (above > 0), ndtr(above / spread) - ndtr(below / spread))
+    return np.where(intended, 1.0, np.maximum(over, 0.0))
