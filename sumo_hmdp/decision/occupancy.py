@@ -7,11 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_hmdp.decision.problem import DecisionProblem
+from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
+from sumo_hmdp.decision.risk import quantiles
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.prediction.branches import Branches, IntArray, PredictionSettings, lane_change_means, lane_changing
+from sumo_hmdp.prediction.branches import (
+    Branches,
+    IntArray,
+    lane_change_means,
+    lane_changing,
+    lane_keeping_means,
+    lateral_spread,
+)
+from sumo_hmdp.prediction.dynamics import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,34 +129,76 @@ def shares_lane(problem: DecisionProblem, branches: Branches, state: LaneState) 
 
 def lanes_now(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
     """Tell which lanes each vehicle takes up now, shape (V, lanes); not to be written to."""
-    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).now
+    return _occupied(branches, problem.road, problem.settings).now
 
 
 def occupied_lanes(problem: DecisionProblem, branches: Branches) -> NDArray[np.bool_]:
-    """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes); not to be written to."""
-    return _occupied(branches, problem.road, problem.settings.occupancy, problem.settings.prediction()).later
+    """Tell which lanes each branch takes up at the end of each step, shape (B, H, lanes); not to be written to.
+
+    Under `swept` a body counts as wider by z_b sqrt(Q_yy) on both sides, with the z_b of its distances (docs/
+    formulation.md, eq. 34): the probability that it is over a lane beside those is at most eps_b.
+
+    Raises:
+        decision.risk.RiskBudgetError: as `decision.risk.tail_probabilities`.
+    """
+    return _occupied(branches, problem.road, problem.settings).later
 
 
 # Everybody who works on one decision asks for it.
 @lru_cache(maxsize=4)
-def _occupied(branches: Branches, road: Road, occupancy: Occupancy, prediction: PredictionSettings) -> _Occupied:
+def _occupied(branches: Branches, road: Road, settings: PlannerSettings) -> _Occupied:
     vehicles = [v.state for v in branches.vehicles]
     # The lanes come first, and last only in the end: NumPy is slow over a last axis as short as theirs.
     lanes = np.arange(1, road.lane_count + 1)[:, None]
     now: NDArray[np.bool_] = lanes == np.array([v.lane for v in vehicles], dtype=np.int64)
     later: NDArray[np.bool_] = lanes[:, :, None] == branches.lanes.T
-    if occupancy is Occupancy.SWEPT:
+    if settings.occupancy is Occupancy.SWEPT:
         y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
-        over = bodies_over(road, y, widths).T
-        now |= over
-        rows = lane_changing(branches)
-        changing = later[:, :, rows]
-        later |= over.take(branches.vehicle, axis=1)[:, None]
-        if len(rows):
-            means = lane_change_means(branches, rows, road, prediction)
-            later[:, :, rows] = changing | bodies_over(road, means, widths[branches.vehicle[rows], None]).T
+        margin_now, margin = _lateral_margins(branches, settings)
+        now |= bodies_over(road, y, widths + 2 * margin_now).T
+        later |= _bodies_later(branches, road, settings, widths, margin)
     now.flags.writeable = later.flags.writeable = False
     return _Occupied(now.T, later.T)
+
+
+def _bodies_later(
+    branches: Branches, road: Road, settings: PlannerSettings, widths: FloatArray, margin: FloatArray
+) -> NDArray[np.bool_]:
+    """Tell which lanes the bodies of branches are over at the end of each step, (lanes, H, B).
+
+    Args:
+        branches: the branches.
+        road: the lanes.
+        settings: of the planner.
+        widths: of the vehicles, (V,) [m].
+        margin: (B, H) by which a body counts as wider on either side [m].
+    """
+    prediction, rows, of_branch = settings.prediction(), lane_changing(branches), branches.vehicle
+    keeping = lane_keeping_means(branches, road, prediction)
+    if margin.any():
+        y = keeping.T.take(of_branch, axis=1).T
+        y[rows] = lane_change_means(branches, rows, road, prediction)
+        return np.asarray(bodies_over(road, y, widths[of_branch, None] + 2 * margin).T)
+    # Most branches stay in their lane, and those of a vehicle are the same then.
+    over = bodies_over(road, keeping, widths[:, None]).T.take(of_branch, axis=2)
+    if len(rows):
+        means = lane_change_means(branches, rows, road, prediction)
+        over[:, :, rows] = bodies_over(road, means, widths[of_branch[rows], None]).T
+    return np.asarray(over)
+
+
+def _lateral_margins(branches: Branches, settings: PlannerSettings) -> tuple[FloatArray, FloatArray]:
+    """Return z sqrt(Q_yy) of each vehicle now, (V,), and of each branch after each step, (B, H) [m] (eq. 34).
+
+    Now the largest z of a vehicle's branches counts. The paper's law, whose variance grows like that along x, has none.
+    """
+    H, V = settings.horizon_steps, len(branches.vehicles)
+    if settings.gains is not None or not V:
+        return np.zeros(V), np.zeros((len(branches.vehicle), H))
+    spread, z = lateral_spread(branches, settings.prediction()), quantiles(branches, settings)
+    largest = np.zeros(V)
+    np.maximum.at(largest, branches.vehicle, z)
+    return largest * spread[:, 0], (spread[:, 1:].T.take(branches.vehicle, axis=1) * z).T
 
 
 def lanes_along(problem: DecisionProblem, laterals: tuple[Lateral, ...]) -> NDArray[np.bool_]:

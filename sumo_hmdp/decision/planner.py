@@ -23,6 +23,7 @@ from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.branches import Branches, PredictedVehicle, covariances, lateral_means
 from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import ScheduledPolicy
 from sumo_hmdp.prediction.reading import read_maneuver
 
@@ -45,10 +46,12 @@ class Belief:
     Attributes:
         policy: how it chooses its actions, by time.
         noise: how uncertain its motion is.
+        following: how it moves across the road.
     """
 
     policy: ScheduledPolicy
     noise: Noise
+    following: LaneFollowing = field(default_factory=LaneFollowing)
 
 
 @dataclass(frozen=True)
@@ -167,8 +170,8 @@ class HmdpPlanner:
             if (state.lane, state.mode) != (maneuver.lane, maneuver.mode):
                 state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
             if state.speed < STANDSTILL:
-                noise = Noise(position_var=noise.position_var)
-        return PredictedVehicle(state, belief.policy.at(now), noise)
+                noise = Noise(position_var=noise.position_var, lateral_var=noise.lateral_var)
+        return PredictedVehicle(state, belief.policy.at(now), noise, belief.following)
 
 
 def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float, solve_time: float) -> Decision:

@@ -74,7 +74,7 @@ class PlannerSettings:
         action_threshold: delta, in [0, 1).
         forbidden_lanes: lanes that the ego may not choose.
         preferences: the cost.
-        gains: of the lateral model of the others.
+        gains: of the paper's law of how others move across the road; None for lane changes that take their time.
         account_pruned: whether `uniform` takes the pruned probability off the risk level.
         occupancy: which lanes a vehicle takes up.
         lane_change_time: of the ego, for `swept` [s].
@@ -98,7 +98,7 @@ class PlannerSettings:
     action_threshold: float = 0.0
     forbidden_lanes: frozenset[int] = frozenset()
     preferences: Preferences = field(default_factory=Preferences)
-    gains: LateralGains = field(default_factory=LateralGains)
+    gains: LateralGains | None = None
     account_pruned: bool = False
     occupancy: Occupancy = Occupancy.TARGET
     lane_change_time: float = 4.0

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_hmdp.decision.decide import Answer
-from sumo_hmdp.decision.problem import DecisionProblem
+from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.problem_checks import RawDocument, cross_checks, dead_ends
 from sumo_hmdp.decision.problem_schema import ProblemFile
 from sumo_hmdp.documents import read_json
@@ -83,8 +83,7 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
             "goal_lane": preferences.goal_lane,
             "terminal_weight": preferences.terminal_weight,
             "forbidden_lanes": sorted(settings.forbidden_lanes),
-            "lateral_gain_k1_ps2": settings.gains.k1,
-            "lateral_gain_k2_ps": settings.gains.k2,
+            **_lateral_document(settings),
             "account_pruned": settings.account_pruned,
             "occupancy": str(settings.occupancy),
             "lane_change_time_s": settings.lane_change_time,
@@ -109,6 +108,13 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
     if problem.stop_lines:
         document["stop_lines"] = [_line_document(line) for line in problem.stop_lines]
     return document
+
+
+def _lateral_document(settings: PlannerSettings) -> dict[str, Any]:
+    if settings.gains is None:
+        return {"lateral_model": "lane_change"}
+    gains = settings.gains
+    return {"lateral_model": "pd", "lateral_gain_k1_ps2": gains.k1, "lateral_gain_k2_ps": gains.k2}
 
 
 def _line_document(line: StopLine) -> dict[str, Any]:
@@ -142,6 +148,10 @@ def _vehicle_document(vehicle: PredictedVehicle) -> dict[str, Any]:
         "speed_var_m2ps2": vehicle.noise.speed_var,
         "process_position_var_m2": vehicle.noise.process_position_var,
         "process_speed_var_m2ps2": vehicle.noise.process_speed_var,
+        "lateral_var_m2": vehicle.noise.lateral_var,
+        "process_lateral_var_m2": vehicle.noise.process_lateral_var,
+        "lane_change_time_s": vehicle.following.change_time,
+        "lane_keeping_time_s": vehicle.following.keeping_time,
     }
 
 

@@ -19,6 +19,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.prediction.branches import PredictedVehicle
 from sumo_hmdp.prediction.dynamics import LateralGains, Noise
+from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import Policy, Probabilities
 from sumo_hmdp.validation import FileModel
 
@@ -41,7 +42,11 @@ class LanesFile(FileModel):
 
 
 class PlannerFile(FileModel):
-    """`planner`: how to decide. Keys with a default may be left out."""
+    """`planner`: how to decide. Keys with a default may be left out.
+
+    `lateral_model` says how others move across the road: `pd`, the paper's law, which the gains belong to, or
+    `lane_change`. Left out it is `pd` where a gain is given, and `lane_change` otherwise.
+    """
 
     period_s: Step
     horizon_steps: Annotated[int, Field(ge=1, le=20)]
@@ -61,8 +66,9 @@ class PlannerFile(FileModel):
     goal_lane: int | None = None
     terminal_weight: NonNegative = 0.0
     forbidden_lanes: list[int] = Field(default_factory=list)
-    lateral_gain_k1_ps2: NonNegative = 3.0
-    lateral_gain_k2_ps: NonNegative = 1.0
+    lateral_model: Literal["lane_change", "pd"] | None = None
+    lateral_gain_k1_ps2: NonNegative | None = None
+    lateral_gain_k2_ps: NonNegative | None = None
     account_pruned: bool = False
     occupancy: Literal["target", "swept"] = "target"
     lane_change_time_s: Positive = 4.0
@@ -99,7 +105,7 @@ class PlannerFile(FileModel):
                 goal_lane=self.goal_lane,
                 terminal_weight=self.terminal_weight,
             ),
-            gains=LateralGains(self.lateral_gain_k1_ps2, self.lateral_gain_k2_ps),
+            gains=self.gains(),
             account_pruned=self.account_pruned,
             occupancy=Occupancy(self.occupancy),
             lane_change_time=self.lane_change_time_s,
@@ -111,6 +117,12 @@ class PlannerFile(FileModel):
             stopping=self.stopping,
             enforce_deadline=self.enforce_deadline,
         )
+
+    def gains(self) -> LateralGains | None:
+        """Return the gains of the paper's law across the road, None where it is not taken."""
+        given = {"k1": self.lateral_gain_k1_ps2, "k2": self.lateral_gain_k2_ps}
+        named = {name: value for name, value in given.items() if value is not None}
+        return LateralGains(**named) if named or self.lateral_model == "pd" else None
 
 
 class LateralFile(FileModel):
@@ -178,6 +190,8 @@ class NoiseFile(FileModel):
     speed_var_m2ps2: NonNegative = 0.0
     process_position_var_m2: NonNegative = 0.0
     process_speed_var_m2ps2: NonNegative = 0.0
+    lateral_var_m2: NonNegative | None = None
+    process_lateral_var_m2: NonNegative = 0.0
 
     def noise(self) -> Noise:
         """Return the noise."""
@@ -186,7 +200,24 @@ class NoiseFile(FileModel):
             self.speed_var_m2ps2,
             self.process_position_var_m2,
             self.process_speed_var_m2ps2,
+            self.lateral_var_m2,
+            self.process_lateral_var_m2,
         )
+
+
+class LaneFollowingFile(FileModel):
+    """The keys of how a vehicle moves across the road."""
+
+    lane_change_time_s: Step | None = None
+    lane_keeping_time_s: Step = 2.0
+
+    def following(self, lane_change_time: float = 4.0) -> LaneFollowing:
+        """Return it.
+
+        Args:
+            lane_change_time: where the file has none [s].
+        """
+        return LaneFollowing(self.lane_change_time_s or lane_change_time, self.lane_keeping_time_s)
 
 
 class StateFile(FileModel):
@@ -216,7 +247,7 @@ class StateFile(FileModel):
         )
 
 
-class VehicleFile(StateFile, PolicyFile, NoiseFile):
+class VehicleFile(StateFile, PolicyFile, NoiseFile, LaneFollowingFile):
     """One surrounding vehicle."""
 
     id: Annotated[str, Field(min_length=1)]
@@ -263,7 +294,12 @@ class ProblemFile(FileModel):
             settings=self.planner.settings(),
             ego=self.ego.state(EGO_ID),
             vehicles=tuple(
-                PredictedVehicle(vehicle.state(vehicle.id), vehicle.policy(self.lanes.count), vehicle.noise())
+                PredictedVehicle(
+                    vehicle.state(vehicle.id),
+                    vehicle.policy(self.lanes.count),
+                    vehicle.noise(),
+                    vehicle.following(),
+                )
                 for vehicle in self.vehicles
             ),
             start=start,

@@ -96,15 +96,22 @@ def _require_budgets(budgets: FloatArray, branches: Branches, settings: PlannerS
     )
 
 
-def margins(branches: Branches, settings: PlannerSettings) -> FloatArray:
-    """Return z_b sqrt(Q_xx) of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 8).
-
-    z_b = Phi^-1(1 - eps_b), computed as -Phi^-1(eps_b), which keeps its digits for a small eps_b.
+def quantiles(branches: Branches, settings: PlannerSettings) -> FloatArray:
+    """Return z_b = Phi^-1(1 - eps_b) of every branch, (B,), computed as -Phi^-1(eps_b), which keeps its digits.
 
     Raises:
         RiskBudgetError: as `tail_probabilities`.
     """
-    quantiles = np.maximum(-ndtri(np.minimum(tail_probabilities(branches, settings), LARGEST_TAIL)), 0.0)
+    tails = np.minimum(tail_probabilities(branches, settings), LARGEST_TAIL)
+    return np.asarray(np.maximum(-ndtri(tails), 0.0), dtype=np.float64)
+
+
+def margins(branches: Branches, settings: PlannerSettings) -> FloatArray:
+    """Return z_b sqrt(Q_xx) of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 8).
+
+    Raises:
+        RiskBudgetError: as `tail_probabilities`.
+    """
     # Step by step in memory, as the branches are.
     deviations = branches.x_std.T.take(branches.vehicle, axis=1)
-    return np.asarray(quantiles * deviations).T
+    return np.asarray(quantiles(branches, settings) * deviations).T

@@ -20,9 +20,17 @@ from sumo_hmdp.prediction.dynamics import (
     LateralGains,
     Noise,
     next_covariance,
-    next_lateral,
     next_longitudinal,
     position_variances,
+)
+from sumo_hmdp.prediction.lateral import (
+    LaneFollowing,
+    centers_of,
+    followed,
+    lateral_deviations,
+    lateral_variances,
+    paper_means,
+    path_of,
 )
 from sumo_hmdp.prediction.policy import Policy, action_probabilities
 
@@ -43,11 +51,13 @@ class PredictedVehicle:
         state: where it is and what it intends.
         policy: how it chooses its actions.
         noise: how uncertain its motion is.
+        following: how it moves across the road.
     """
 
     state: VehicleState
     policy: Policy
     noise: Noise
+    following: LaneFollowing = field(default_factory=LaneFollowing)
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,7 @@ class PredictionSettings:
         accel: nominal acceleration of the modes [m/s2].
         sequence_threshold: least probability delta_seq of a whole sequence, in (0, 1].
         action_threshold: least probability delta of a single action; 0 drops none.
-        gains: of the lateral model.
+        gains: of the paper's law across the road; None for lane changes that take their time (`prediction/lateral.py`).
     """
 
     horizon_steps: int
@@ -68,7 +78,7 @@ class PredictionSettings:
     accel: float
     sequence_threshold: float
     action_threshold: float = 0.0
-    gains: LateralGains = field(default_factory=LateralGains)
+    gains: LateralGains | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +178,7 @@ def _no_tree(steps: int) -> _Tree:
 
 def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> list[_Tree]:
     """Return the likely sequences of each vehicle (docs/formulation.md, eq. 7)."""
-    shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
+    shared = replace(settings, accel=0.0, period=1.0, gains=None)
     # Policies are long to compare, and most vehicles have the very same one.
     known: dict[tuple[int, int, int], _Tree] = {}
     trees = []
@@ -233,47 +243,83 @@ def _position_deviations(noise: Noise, period: float, steps: int) -> FloatArray:
 
 
 def lateral_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:
-    """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eq. 4)."""
-    y_now = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[branches.vehicle]
-    means = np.repeat(y_now[:, None], settings.horizon_steps, axis=1)
+    """Return the mean y of every branch and step, shape (B, H) [m] (docs/formulation.md, eqs. 4 and 32)."""
+    # Most branches stay in their lane, and those of a vehicle are the same then.
+    means = lane_keeping_means(branches, road, settings).take(branches.vehicle, axis=0)
     rows = lane_changing(branches)
     means[rows] = lane_change_means(branches, rows, road, settings)
     return means
 
 
 def lane_changing(branches: Branches) -> IntArray:
-    """Return the rows that change lanes at some step; the others keep their y, and are by far the most."""
+    """Return the rows that change lanes at some step; the others stay in theirs, and are by far the most."""
     return np.flatnonzero((branches.laterals != 0).any(axis=1))
 
 
+def lane_keeping_means(branches: Branches, road: Road, settings: PredictionSettings) -> FloatArray:
+    """Return the mean y of each vehicle that takes no lateral action, (V, H) [m]; a lane change under way goes on."""
+    vehicles = np.arange(len(branches.vehicles))
+    lanes = np.array([v.state.lane for v in branches.vehicles], dtype=np.int64)
+    stays = np.repeat(lanes[:, None], settings.horizon_steps, axis=1)
+    return _means(branches, vehicles, stays, np.zeros_like(stays), road, settings)
+
+
 def lane_change_means(branches: Branches, rows: IntArray, road: Road, settings: PredictionSettings) -> FloatArray:
-    """Return the mean y of some branches, (N, H) [m] (docs/formulation.md, eq. 4)."""
-    vehicle, changes = branches.vehicle[rows], branches.laterals[rows] != 0
-    y = np.array([v.state.y for v in branches.vehicles], dtype=np.float64)[vehicle]
-    lateral_speed = np.array([v.state.lateral_speed for v in branches.vehicles], dtype=np.float64)[vehicle]
-    y_ref = ((road.lane_count + 1) / 2 - branches.lanes[rows].astype(np.float64)) * road.lane_width
-    means = np.empty(changes.shape)
-    for k in range(settings.horizon_steps):
-        following = next_lateral(y, lateral_speed, changes[:, k], y_ref[:, k], settings.period, settings.gains)
-        lateral_speed = (following - y) / settings.period
-        y = means[:, k] = following
-    return means
+    """Return the mean y of some branches, (N, H) [m] (docs/formulation.md, eqs. 4 and 32)."""
+    return _means(branches, branches.vehicle[rows], branches.lanes[rows], branches.laterals[rows], road, settings)
+
+
+def _means(
+    branches: Branches,
+    vehicle: IntArray,
+    lanes: IntArray,
+    laterals: IntArray,
+    road: Road,
+    settings: PredictionSettings,
+) -> FloatArray:
+    """Return the mean y of N vehicles, by index, along the lanes that they intend, (N, H) [m]."""
+    vehicles = branches.vehicles
+    now = [(v.state.y, v.state.lateral_speed, v.state.width, road.center_y(v.state.lane)) for v in vehicles]
+    y, lateral_speed, width, center = np.array(now, dtype=np.float64).reshape(-1, 4).T.take(vehicle, axis=1)
+    centers = centers_of(road, lanes)
+    if settings.gains is not None:
+        return paper_means(y, lateral_speed, laterals != 0, centers, settings.period, settings.gains)
+    drivers = [(v.following.change_speed(road), v.following.decay(settings.period)) for v in vehicles]
+    speed, decay = np.array(drivers, dtype=np.float64).reshape(-1, 2).T.take(vehicle, axis=1)
+    path = path_of(y, lateral_speed, width, center, speed, road)
+    return followed(y, path, centers, speed * settings.period, decay)
+
+
+def lateral_spread(branches: Branches, settings: PredictionSettings) -> FloatArray:
+    """Return the standard deviation of each vehicle's y now and after each step, (V, 1 + H) [m].
+
+    The same for every branch of a vehicle (docs/formulation.md, eq. 33), but not by the paper's law.
+    """
+    H = settings.horizon_steps
+    spread = [lateral_deviations(v.noise, v.following, settings.period, H) for v in branches.vehicles]
+    return np.array(spread, dtype=np.float64).reshape(len(branches.vehicles), 1 + H)
 
 
 def covariances(branches: Branches, index: int, settings: PredictionSettings) -> FloatArray:
-    """Return the full covariance of one branch after each step, shape (H, 3, 3) (docs/formulation.md, eq. 5)."""
-    noise = branches.vehicles[branches.vehicle[index]].noise
-    return _covariances(noise, tuple(branches.laterals[index].tolist()), settings.period, settings.gains)
+    """Return the full covariance of one branch after each step, (H, 3, 3) (docs/formulation.md, eqs. 5 and 33)."""
+    vehicle, laterals = branches.vehicles[branches.vehicle[index]], tuple(branches.laterals[index].tolist())
+    return _covariances(vehicle.noise, vehicle.following, laterals, settings.period, settings.gains)
 
 
 @lru_cache(maxsize=1024)
-def _covariances(noise: Noise, laterals: tuple[int, ...], period: float, gains: LateralGains) -> FloatArray:
+def _covariances(
+    noise: Noise, following: LaneFollowing, laterals: tuple[int, ...], period: float, gains: LateralGains | None
+) -> FloatArray:
     """Return the covariances of all branches with these lateral actions: nothing else changes them."""
     covariance = noise.initial_covariance()
     result = []
     for lateral in laterals:
-        covariance = next_covariance(covariance, Lateral(lateral), period, gains, noise)
+        along = Lateral(lateral) if gains is not None else Lateral.KEEP
+        covariance = next_covariance(covariance, along, period, gains or LateralGains(), noise)
         result.append(covariance)
     stacked = np.array(result)
+    if gains is None:
+        # y is coupled to nothing.
+        stacked[:, 1, 1] = lateral_variances(noise, following, period, len(laterals))[1:]
     stacked.flags.writeable = False
     return stacked

@@ -12,32 +12,41 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Noise:
-    """Uncertainty of one vehicle; variances along x hold along y as well.
+    """Uncertainty of one vehicle.
 
     Attributes:
         position_var: of the measured position [m2].
         speed_var: of the measured speed [m2/s2].
-        process_position_var: added to the position in each step [m2].
+        process_position_var: added to x in each step, and by the paper's law to y as well [m2].
         process_speed_var: added to the speed in each step [m2/s2].
+        lateral_var: of the measured y [m2]; None takes `position_var`.
+        process_lateral_var: added to y in each step where a driver follows its lane [m2].
     """
 
     position_var: float = 0.0
     speed_var: float = 0.0
     process_position_var: float = 0.0
     process_speed_var: float = 0.0
+    lateral_var: float | None = None
+    process_lateral_var: float = 0.0
+
+    @property
+    def initial_lateral_var(self) -> float:
+        """Q_yy of the measured y [m2]."""
+        return self.position_var if self.lateral_var is None else self.lateral_var
 
     def initial_covariance(self) -> FloatArray:
         """Return Q of the measured (x, y, v), shape (3, 3)."""
-        return np.diag([self.position_var, self.position_var, self.speed_var])
+        return np.diag([self.position_var, self.initial_lateral_var, self.speed_var])
 
     def process_covariance(self) -> FloatArray:
-        """Return Xi of one step, shape (3, 3)."""
+        """Return Xi of one step by the paper's law, shape (3, 3)."""
         return np.diag([self.process_position_var, self.process_position_var, self.process_speed_var])
 
 
 @dataclass(frozen=True)
 class LateralGains:
-    """Gains of the virtual lateral control u_y = K1 (y_ref - y) + K2 (0 - v_y).
+    """Gains of the paper's virtual lateral control u_y = K1 (y_ref - y) + K2 (0 - v_y).
 
     Attributes:
         k1: [1/s2].
@@ -46,6 +55,10 @@ class LateralGains:
 
     k1: float = 3.0
     k2: float = 1.0
+
+    def stable(self, period: float) -> bool:
+        """Tell whether a step of `period` [s] does not overshoot the lane, K1 T^2 / 2 <= 1."""
+        return self.k1 * period**2 / 2 <= 1.0
 
 
 def state_matrix(lateral: Lateral, period: float, gains: LateralGains) -> FloatArray:

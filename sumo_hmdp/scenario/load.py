@@ -277,8 +277,12 @@ def _assemble(
         lane_width=road.lane_width,
         dt=scenario.dt_s,
         lane_change_time=scenario.ego.lane_change_time_s,
-        beliefs={vehicle.id: belief_of(vehicle, road.lane_count) for vehicle in vehicles},
-        default_belief=None if traffic is None else traffic.belief.belief(road.lane_count),
+        beliefs={
+            vehicle.id: belief_of(vehicle, road.lane_count, scenario.ego.lane_change_time_s) for vehicle in vehicles
+        },
+        default_belief=None
+        if traffic is None
+        else traffic.belief.belief(road.lane_count, traffic.lane_changes.duration_s),
         solver=options.solver,
     )
     sumo_driver = kind.sumo_driver(parameters, context) if kind.sumo_driver is not None else None
@@ -306,7 +310,7 @@ def _assemble(
             motion=MotionKind(scenario.ego.motion) if sumo_driver is None else MotionKind.SUMO,
             paths=paths,
             goal_x=scenario.ego.goal_x_m,
-            measurement=measurement(scenario, vehicles, road.lane_count, options.seed),
+            measurement=measurement(scenario, vehicles, options.seed),
         ),
         world=replace(world, ego_driver=sumo_driver),
         spawns=(*spawns, *crowd),

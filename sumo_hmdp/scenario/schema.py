@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from sumo_hmdp.decision.problem_schema import (
+    LaneFollowingFile,
     LanesFile,
     ModeName,
     NoiseFile,
@@ -92,7 +93,7 @@ class TimedPolicyFile(PolicyFile):
     from_s: NonNegative = 0.0
 
 
-class VehicleFile(NoiseFile):
+class VehicleFile(NoiseFile, LaneFollowingFile):
     """One surrounding vehicle: where it starts, who drives it, and what the planner believes of it."""
 
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
@@ -105,7 +106,7 @@ class VehicleFile(NoiseFile):
     policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
 
 
-class MatchedTrafficFile(NoiseFile):
+class MatchedTrafficFile(NoiseFile, LaneFollowingFile):
     """`matched_traffic`: vehicles laid out in every lane at a density, all believed alike; with `noise` alone.
 
     The vehicles of a lane start at its speed, about as far from each other as the density says, and one of them is left

@@ -7,7 +7,15 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sumo_hmdp.decision.planner import Belief
-from sumo_hmdp.decision.problem_schema import NoiseFile, NonNegative, Number, PolicyFile, Positive, Speed
+from sumo_hmdp.decision.problem_schema import (
+    LaneFollowingFile,
+    NoiseFile,
+    NonNegative,
+    Number,
+    PolicyFile,
+    Positive,
+    Speed,
+)
 from sumo_hmdp.errors import Problem
 from sumo_hmdp.prediction.policy import ScheduledPolicy
 from sumo_hmdp.sim.background import BackgroundSettings
@@ -127,15 +135,22 @@ class CourtesyFile(FileModel):
         return CourtesyRule(self.share, self.distance_m, self.patience_s)
 
 
-class BeliefFile(PolicyFile, NoiseFile):
+class BeliefFile(PolicyFile, NoiseFile, LaneFollowingFile):
     """`traffic.belief`: what the planner believes of every vehicle that nobody describes.
 
-    The present mode and the lane intent are read from the vehicle's motion; from there on it acts by this policy.
+    The present mode and the lane intent are read from the vehicle's motion; from there on it acts by this policy. Its
+    lane changes take the time of `traffic.lane_changes`, unless it says otherwise.
     """
 
-    def belief(self, lane_count: int) -> Belief:
-        """Return the belief as the planner uses it."""
-        return Belief(ScheduledPolicy(((0.0, self.policy(lane_count)),)), self.noise())
+    def belief(self, lane_count: int, lane_change_time: float) -> Belief:
+        """Return the belief as the planner uses it.
+
+        Args:
+            lane_count: of the road.
+            lane_change_time: of the background [s].
+        """
+        policy = ScheduledPolicy(((0.0, self.policy(lane_count)),))
+        return Belief(policy, self.noise(), self.following(lane_change_time))
 
 
 class MeasurementFile(FileModel):

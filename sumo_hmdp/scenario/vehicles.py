@@ -18,10 +18,16 @@ from sumo_hmdp.traffic.scripted import Clock, ConstantSpeed, GapKeeping, ModeSch
 from sumo_hmdp.traffic.spawn import DriverKind, IdmParameters, Spawn
 
 
-def belief_of(vehicle: VehicleFile, lane_count: int) -> Belief:
-    """Return what the planner believes of a described vehicle."""
+def belief_of(vehicle: VehicleFile, lane_count: int, lane_change_time: float) -> Belief:
+    """Return what the planner believes of a described vehicle.
+
+    Args:
+        vehicle: as described.
+        lane_count: of the road.
+        lane_change_time: of a vehicle that says nothing else, the ego's [s].
+    """
     entries = sorted(((entry.from_s, entry.policy(lane_count)) for entry in vehicle.policy), key=lambda item: item[0])
-    return Belief(ScheduledPolicy(tuple(entries)), vehicle.noise())
+    return Belief(ScheduledPolicy(tuple(entries)), vehicle.noise(), vehicle.following(lane_change_time))
 
 
 def driver_of(vehicle: VehicleFile) -> Driver | None:
@@ -83,31 +89,32 @@ def matched_paths(
     """
     paths = {}
     for vehicle in vehicles:
-        belief = belief_of(vehicle, road.lane_count)
+        belief = belief_of(vehicle, road.lane_count, scenario.ego.lane_change_time_s)
         scale = scenario.noise_scale**2
         noise = replace(
             belief.noise,
             process_position_var=belief.noise.process_position_var * scale,
             process_speed_var=belief.noise.process_speed_var * scale,
+            process_lateral_var=belief.noise.process_lateral_var * scale,
         )
         model = MatchedModel(
             policy=belief.policy,
             noise=noise,
             period=model_section["period_s"],
             accel=model_section["accel_mps2"],
-            lane_change_time=scenario.ego.lane_change_time_s,
+            following=belief.following,
         )
         start: VehicleState = spawn_state(spawn_of(vehicle), road)
         paths[vehicle.id] = draw_path(start, model, road, scenario.duration_s, seed)
     return paths
 
 
-def measurement(scenario: ScenarioFile, vehicles: Sequence[VehicleFile], lane_count: int, seed: int) -> Measurement:
+def measurement(scenario: ScenarioFile, vehicles: Sequence[VehicleFile], seed: int) -> Measurement:
     """Return how the planner measures: exactly, but for drawn vehicles and for a background that says otherwise."""
     drawn = {}
     if scenario.noise:
         for vehicle in vehicles:
-            noise = belief_of(vehicle, lane_count).noise
-            drawn[vehicle.id] = measurement_noise(noise.position_var, noise.speed_var)
+            noise = vehicle.noise()
+            drawn[vehicle.id] = measurement_noise(noise.position_var, noise.speed_var, noise.initial_lateral_var)
     measured = Measurement(seed, drawn)
     return measured if scenario.traffic is None else replace(measured, otherwise=scenario.traffic.measurement.noise())

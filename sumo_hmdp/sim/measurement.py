@@ -13,17 +13,24 @@ class MeasurementNoise:
     """Standard deviations of one vehicle's measurement.
 
     Attributes:
-        position_std: along and across the road [m].
+        position_std: along the road, and across it but for `lateral_std` [m].
         speed_std: [m/s].
+        lateral_std: across the road [m]; None takes `position_std`.
     """
 
     position_std: float = 0.0
     speed_std: float = 0.0
+    lateral_std: float | None = None
+
+    @property
+    def across(self) -> float:
+        """Across the road [m]."""
+        return self.position_std if self.lateral_std is None else self.lateral_std
 
     @property
     def exact(self) -> bool:
         """Tell whether there is none."""
-        return self.position_std == 0.0 and self.speed_std == 0.0
+        return self.position_std == self.speed_std == self.across == 0.0
 
 
 @dataclass(frozen=True)
@@ -57,11 +64,11 @@ class Measurement:
         return replace(
             vehicle,
             x=vehicle.x + noise.position_std * x,
-            y=vehicle.y + noise.position_std * y,
+            y=vehicle.y + noise.across * y,
             speed=max(0.0, vehicle.speed + noise.speed_std * speed),
         )
 
 
-def measurement_noise(position_var: float, speed_var: float) -> MeasurementNoise:
-    """Return the noise of given variances [m2] and [m2/s2]."""
-    return MeasurementNoise(math.sqrt(position_var), math.sqrt(speed_var))
+def measurement_noise(position_var: float, speed_var: float, lateral_var: float) -> MeasurementNoise:
+    """Return the noise of given variances [m2], [m2/s2] and [m2]."""
+    return MeasurementNoise(math.sqrt(position_var), math.sqrt(speed_var), math.sqrt(lateral_var))

@@ -26,8 +26,9 @@ DEFAULT_WIDTH = 1.8
 # The planner's optional keys, and what leaving them out means.
 DEFAULTS = {
     "action_threshold": 0.0,
-    "lateral_gain_k1_ps2": 3.0,
-    "lateral_gain_k2_ps": 1.0,
+    "lateral_model": None,
+    "lateral_gain_k1_ps2": None,
+    "lateral_gain_k2_ps": None,
     "account_pruned": False,
     "occupancy": "target",
     "lane_change_time_s": 4.0,
@@ -139,14 +140,66 @@ def vehicle_motion(planner, x, speed, mode):
     return x + speed * T + mode * accel * T**2 / 2.0, speed + mode * accel * T
 
 
-def lateral_motion(problem, y, lateral_speed, lateral, lane):
-    """Return (y, lateral speed) after a step; lane is the one intended after its action (4)."""
-    T = problem["planner"]["period_s"]
+def gains(problem):
+    """Return (K1, K2) where the paper's law holds across the road, else None [4]."""
     K1, K2 = setting(problem, "lateral_gain_k1_ps2"), setting(problem, "lateral_gain_k2_ps")
+    if setting(problem, "lateral_model") != "pd" and K1 is None and K2 is None:
+        return None
+    return 3.0 if K1 is None else K1, 1.0 if K2 is None else K2
+
+
+def lateral_motion(problem, y, lateral_speed, lateral, lane):
+    """Return (y, lateral speed) after a step by the paper's law; lane is the one intended after its action (4)."""
+    T = problem["planner"]["period_s"]
+    K1, K2 = gains(problem)
     if lateral == 0:
         return y, 0.0
     after = (1.0 - K1 * T**2 / 2.0) * y + T**2 / 2.0 * (K1 * lane_centre(problem, lane) - K2 * lateral_speed)
     return after, (after - y) / T
+
+
+def lateral_places(problem, vehicle, laterals):
+    """Return the mean y at k = 0..H of a vehicle that takes these lateral actions (4) or (32)."""
+    T, lane = problem["planner"]["period_s"], vehicle["lane"]
+    y, speed = vehicle["y_m"], vehicle.get("lateral_speed_mps", 0.0)
+    places = [y]
+    if gains(problem) is not None:
+        for lateral in laterals:
+            lane += lateral
+            y, speed = lateral_motion(problem, y, speed, lateral, lane)
+            places.append(y)
+        return places
+    width = problem["lanes"]["width_m"]
+    change_speed = width / vehicle.get("lane_change_time_s", 4.0)
+    missing = lane_centre(problem, lane) - y
+    approach = speed if missing > 0.0 else -speed
+    over_the_line = abs(missing) + vehicle.get("width_m", DEFAULT_WIDTH) / 2.0 > width / 2.0
+    changing = over_the_line or (missing != 0.0 and approach > change_speed / 2.0)
+    followed, off = (y, 0.0) if changing else (y + missing, -missing)
+    for k, lateral in enumerate(laterals, start=1):
+        lane += lateral
+        there = lane_centre(problem, lane)
+        if abs(there - followed) <= change_speed * T:
+            followed = there
+        elif there > followed:
+            followed += change_speed * T
+        else:
+            followed -= change_speed * T
+        places.append(followed + off * math.exp(-k * T / vehicle.get("lane_keeping_time_s", 2.0)))
+    return places
+
+
+def lateral_sigmas(problem, vehicle):
+    """Return the standard deviation of y at k = 0..H by (33); no margin follows from the paper's law [6]."""
+    H, T = problem["planner"]["horizon_steps"], problem["planner"]["period_s"]
+    if gains(problem) is not None:
+        return [0.0] * (H + 1)
+    measured = vehicle.get("lateral_var_m2")
+    measured = vehicle.get("position_var_m2", 0.0) if measured is None else measured
+    left = math.exp(-2.0 * T / vehicle.get("lane_keeping_time_s", 2.0))
+    added = vehicle.get("process_lateral_var_m2", 0.0)
+    # What has come in j steps ago has decayed j times.
+    return [math.sqrt(left**k * measured + added * math.fsum(left**j for j in range(k))) for k in range(H + 1)]
 
 
 def position_sigmas(problem, vehicle):
@@ -203,23 +256,26 @@ def pruned_probability(sequences):
     return max(0.0, 1.0 - math.fsum(prob for prob, _ in sequences))
 
 
-def branch_path(problem, vehicle, actions):
-    """Return [(lanes taken up, x, speed)] of one sequence at k = 0..H."""
+def branch_path(problem, vehicle, actions, z=0.0, z_now=0.0):
+    """Return [(lanes taken up, x, speed)] of one sequence at k = 0..H.
+
+    z widens the body by z sigma_y on either side after now (34), z_now likewise now.
+    """
     swept = setting(problem, "occupancy") == "swept"
     lane, mode = vehicle["lane"], MODES[vehicle["mode"]]
     x, speed = vehicle["x_m"], vehicle["speed_mps"]
-    y, lateral_speed = vehicle["y_m"], vehicle.get("lateral_speed_mps", 0.0)
+    places = lateral_places(problem, vehicle, [lateral for lateral, _ in actions])
+    sigmas = lateral_sigmas(problem, vehicle)
 
-    def lanes():
-        body = lanes_under(problem, y, vehicle.get("width_m", DEFAULT_WIDTH)) if swept else frozenset()
-        return body | {lane}
+    def lanes(k, quantile):
+        width = vehicle.get("width_m", DEFAULT_WIDTH) + 2.0 * quantile * sigmas[k]
+        return (lanes_under(problem, places[k], width) if swept else frozenset()) | {lane}
 
-    path = [(lanes(), x, speed)]
-    for lateral, change in actions:
+    path = [(lanes(0, z_now), x, speed)]
+    for k, (lateral, change) in enumerate(actions, start=1):
         x, speed = vehicle_motion(problem["planner"], x, speed, mode)
         lane, mode = lane + lateral, mode + change
-        y, lateral_speed = lateral_motion(problem, y, lateral_speed, lateral, lane)
-        path.append((lanes(), x, speed))
+        path.append((lanes(k, z), x, speed))
     return path
 
 
@@ -239,9 +295,9 @@ def predict(problem):
         pruned[vehicle["id"]] = pruned_probability(sequences)
         sigmas = position_sigmas(problem, vehicle)
         length = vehicle.get("length_m", DEFAULT_LENGTH)
-        for (_, actions), eps in zip(sequences, branch_risks(problem, sequences), strict=True):
-            z = -NormalDist().inv_cdf(eps)  # Phi^-1(1 - eps)
-            path = branch_path(problem, vehicle, actions)
+        quantiles = [-NormalDist().inv_cdf(eps) for eps in branch_risks(problem, sequences)]  # Phi^-1(1 - eps)
+        for (_, actions), z in zip(sequences, quantiles, strict=True):
+            path = branch_path(problem, vehicle, actions, z, max(quantiles))
             for k in range(1, horizon + 1):
                 lanes_before, x_before, _ = path[k - 1]
                 motion = (lanes_before, x_before, *path[k], length)

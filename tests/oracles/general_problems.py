@@ -59,9 +59,20 @@ def _sweep(rng, problem):
     planner = problem["planner"]
     planner["occupancy"] = "swept"
     planner["lane_change_time_s"] = problems._pick(rng, [0.7, 1.5, 2.0, 3.1, 4.0, 6.0])
-    if problems._chance(rng, 0.5):
-        planner["lateral_gain_k1_ps2"] = problems._pick(rng, [0.0, 0.6, 1.3, 3.0])
+    if problems._chance(rng, 0.3):
+        # The paper's law is refused where K1 T^2 / 2 exceeds 1.
+        strongest = 2.0 / planner["period_s"] ** 2
+        planner["lateral_gain_k1_ps2"] = problems._pick(rng, [k1 for k1 in (0.0, 0.6, 1.3, 3.0) if k1 <= strongest])
         planner["lateral_gain_k2_ps"] = problems._pick(rng, [0.0, 0.5, 1.0, 2.0])
+    else:
+        planner["lateral_model"] = "lane_change"
+        for vehicle in problem["vehicles"]:
+            # Not round, so that no edge of a body comes to lie on a line.
+            vehicle["lane_change_time_s"] = problems._pick(rng, [1.513, 3.017, 4.013, 6.029])
+            vehicle["lane_keeping_time_s"] = problems._pick(rng, [0.5, 2.0, 10.0])
+            vehicle["process_lateral_var_m2"] = problems._pick(rng, [0.0, 0.01, 0.05])
+            if problems._chance(rng, 0.5):
+                vehicle["lateral_var_m2"] = problems._pick(rng, [0.0, 0.02, 0.1])
     for body in [problem["ego"], *problem["vehicles"]]:
         if problems._chance(rng, 0.3):
             body["width_m"] = problems._pick(rng, [0.8, 2.1, 2.6])

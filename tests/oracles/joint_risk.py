@@ -81,11 +81,10 @@ def _violated(brute_force, problem, vehicle, states, rng, samples):
     swept = planner.get("occupancy") == "swept"
     width, lanes_there = problem["lanes"]["width_m"], problem["lanes"]["count"]
     reach = (width + vehicle.get("width_m", 1.8)) / 2
-    K1, K2 = planner.get("lateral_gain_k1_ps2", 3.0), planner.get("lateral_gain_k2_ps", 1.0)
     lane = np.full(samples, vehicle["lane"])
     mode = np.full(samples, {"accelerate": 1, "cruise": 0, "decelerate": -1}[vehicle["mode"]])
     mean, speed = np.full(samples, float(vehicle["x_m"])), np.full(samples, float(vehicle["speed_mps"]))
-    y, y_speed = np.full(samples, float(vehicle["y_m"])), np.full(samples, vehicle.get("lateral_speed_mps", 0.0))
+    across = _Across(brute_force, problem, vehicle, samples, rng)
     x_error = rng.normal(0.0, np.sqrt(vehicle["position_var_m2"]), samples)
     v_error = rng.normal(0.0, np.sqrt(vehicle["speed_var_m2ps2"]), samples)
     violated = np.zeros(samples, dtype=bool)
@@ -97,9 +96,7 @@ def _violated(brute_force, problem, vehicle, states, rng, samples):
         x_error = x_error + T * v_error + rng.normal(0.0, np.sqrt(vehicle["process_position_var_m2"]), samples)
         v_error = v_error + rng.normal(0.0, np.sqrt(vehicle["process_speed_var_m2ps2"]), samples)
         lane, mode = lane + lateral, mode + change
-        y_ref = ((lanes_there + 1) / 2 - lane) * width
-        y_after = np.where(lateral == 0, y, (1 - K1 * T**2 / 2) * y + T**2 / 2 * (K1 * y_ref - K2 * y_speed))
-        y, y_speed = y_after, (y_after - y) / T
+        y = across.step(lateral, ((lanes_there + 1) / 2 - lane) * width)
         shared = np.isin(lane, list(ego.lanes))
         if swept:
             for other in ego.lanes:
@@ -108,6 +105,42 @@ def _violated(brute_force, problem, vehicle, states, rng, samples):
         apart = np.where(ahead, 1, -1) * (ego.x - mean - x_error)
         violated |= shared & (apart < _distance(problem, vehicle, ego.speed, speed, ahead))
     return violated
+
+
+class _Across:
+    """Samples of a vehicle's y: a path toward the centre of its lane, and a deviation that decays and is stirred.
+
+    By the paper's law only the mean moves: its constraints know no place across the road.
+    """
+
+    def __init__(self, brute_force, problem, vehicle, samples, rng):
+        self.gains, self.T = brute_force.prediction.gains(problem), problem["planner"]["period_s"]
+        self.rng, self.samples = rng, samples
+        start = brute_force.prediction.lateral_places(problem, vehicle, [0])
+        self.y = np.full(samples, start[0])
+        self.y_speed = np.full(samples, vehicle.get("lateral_speed_mps", 0.0))
+        if self.gains is None:
+            self.left = np.exp(-self.T / vehicle.get("lane_keeping_time_s", 2.0))
+            self.reach = problem["lanes"]["width_m"] / vehicle.get("lane_change_time_s", 4.0) * self.T
+            center = brute_force.lane_centre(problem, vehicle["lane"])
+            # A deviation decays by its rate; what moves otherwise is a lane change.
+            keeps = np.isclose(start[1] - center, self.left * (start[0] - center), rtol=0.0, atol=1e-9)
+            self.path = np.full(samples, center if keeps else start[0])
+            measured = vehicle.get("lateral_var_m2", vehicle["position_var_m2"])
+            self.deviation = self.y - self.path + rng.normal(0.0, np.sqrt(measured), samples)
+            self.stirring = np.sqrt(vehicle.get("process_lateral_var_m2", 0.0))
+
+    def step(self, lateral, y_ref):
+        if self.gains is not None:
+            (K1, K2), half = self.gains, self.T**2 / 2
+            pulled = (1 - K1 * half) * self.y + half * (K1 * y_ref - K2 * self.y_speed)
+            after = np.where(lateral == 0, self.y, pulled)
+            self.y, self.y_speed = after, (after - self.y) / self.T
+            return self.y
+        to_go = y_ref - self.path
+        self.path = np.where(np.abs(to_go) <= self.reach, y_ref, self.path + np.sign(to_go) * self.reach)
+        self.deviation = self.left * self.deviation + self.stirring * self.rng.normal(0.0, 1.0, self.samples)
+        return self.path + self.deviation
 
 
 def _actions(brute_force, problem, vehicle, lane, mode, rng):

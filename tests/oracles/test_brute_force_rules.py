@@ -1,5 +1,7 @@
 """The oracle's risk shares, occupancy, distances and stopping against arithmetic by hand."""
 
+import math
+
 import pytest
 
 
@@ -115,6 +117,31 @@ def test_a_vehicle_takes_up_the_lanes_under_it(brute_force):
     problem["planner"]["occupancy"] = "target"
     path = brute_force.branch_path(problem, car(50.0), [(0, 0), (1, 0)])
     assert [lanes for lanes, _, _ in path] == [{1}, {1}, {2}]
+
+
+def test_a_vehicle_that_changes_lanes_takes_its_time(brute_force):
+    # Lane 1 is y > 0, its centre at 2; 1 m a step of 1 s, and a body of 1.8 m clears the line at -0.9 m.
+    problem = tiny(occupancy="swept", horizon_steps=5)
+    actions = [(1, 0), (0, 0), (0, 0), (0, 0), (0, 0)]
+    places = brute_force.prediction.lateral_places(problem, car(50.0), [1, 0, 0, 0, 0])
+    assert places == [2.0, 1.0, 0.0, -1.0, -2.0, -2.0]
+    path = brute_force.branch_path(problem, car(50.0), actions)
+    assert [lanes for lanes, _, _ in path] == [{1}, {1, 2}, {1, 2}, {2}, {2}, {2}]
+    # Half-way it goes on; a little off the centre it steers back.
+    half_way = brute_force.prediction.lateral_places(problem, car(50.0, y=-0.5), [0, 0, 0])
+    assert half_way == [-0.5, 0.5, 1.5, 2.0]
+    keeping = brute_force.prediction.lateral_places(problem, car(50.0, y=1.4), [0, 0])
+    assert keeping == pytest.approx([1.4, 2.0 - 0.6 * math.exp(-0.5), 2.0 - 0.6 * math.exp(-1.0)])
+
+
+def test_a_body_counts_as_wider_by_its_margin(brute_force):
+    # 0.9 + 2 sigma reaches the line 2 m away from the centre for sigma > 0.55 m.
+    problem = tiny(occupancy="swept", horizon_steps=1)
+    for variance, lanes in ((0.54**2, {1}), (0.56**2, {1, 2})):
+        vehicle = car(50.0) | {"lateral_var_m2": 0.0, "process_lateral_var_m2": variance}
+        assert brute_force.branch_path(problem, vehicle, [(0, 0)], z=2.0, z_now=2.0)[1][0] == lanes
+        now = car(50.0) | {"lateral_var_m2": variance}
+        assert brute_force.branch_path(problem, now, [(0, 0)], z=0.0, z_now=2.0)[0][0] == lanes
 
 
 def ego_lanes(brute_force, problem, laterals):

@@ -7,19 +7,11 @@ import numpy as np
 from sumo_hmdp.decision.audit import first_breach
 from sumo_hmdp.decision.decide import answer, make_plan
 from sumo_hmdp.decision.distance import safe_clearance
-from sumo_hmdp.decision.occupancy import occupied_lanes, start_state, sweep_steps
+from sumo_hmdp.decision.occupancy import lanes_now, occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.decision.problem import ManeuverSequence
 from sumo_hmdp.decision.problem_file import parse_problem
 from sumo_hmdp.decision.risk import RiskBudgetError
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.domain.occupancy import Occupancy, body_lanes
-
-
-def lanes_of_now(problem, vehicle):
-    lanes = {vehicle.lane}
-    if problem.settings.occupancy is Occupancy.SWEPT:
-        lanes |= {*body_lanes(problem.road, vehicle.y, vehicle.width)}
-    return lanes
 
 
 def breaches_by_step(problem, found, sequence):
@@ -27,7 +19,8 @@ def breaches_by_step(problem, found, sequence):
     branches, occupied = found.branches, occupied_lanes(problem, found.branches)
     state = start_state(problem)
     vehicles = [branches.vehicles[v].state for v in branches.vehicle]
-    shared = [bool(lanes_of_now(problem, v) & {*state.occupied}) for v in vehicles]
+    now = lanes_now(problem, branches)[branches.vehicle]
+    shared = [any(lanes[lane - 1] for lane in state.occupied) for lanes in now]
     ahead = [problem.ego.x > v.x for v in vehicles]
     for k, step in enumerate(make_plan(problem, found.lattice, sequence)):
         state = state.after(step.lateral, sweep_steps(problem))

@@ -27,8 +27,8 @@ def vehicle(lateral, longitudinal, *, lane=2, mode=Mode.CRUISE, speed=20.0, nois
     )
 
 
-def settings(H=3, period=0.5, threshold=1e-9, action_threshold=0.0):
-    return PredictionSettings(H, period, 2.0, threshold, action_threshold)
+def settings(H=3, period=0.5, threshold=1e-9, action_threshold=0.0, gains=None):
+    return PredictionSettings(H, period, 2.0, threshold, action_threshold, gains)
 
 
 def enumerate_all(car, H):
@@ -127,10 +127,10 @@ def test_a_decelerating_vehicle_stops_and_stands():
     assert branches.x[0].tolist() == pytest.approx([0.5, 0.5625, 0.5625, 0.5625])
 
 
-def test_a_lane_change_is_pulled_towards_the_new_lane():
+def test_by_the_papers_law_a_lane_change_is_pulled_towards_the_new_lane():
     car = vehicle((1.0, 0.0, 0.0), CRUISE, lane=2, lateral_speed=0.4)
-    branches = predict([car], settings(1, period=0.8))
-    y = lateral_means(branches, Road(3, 4.0), settings(1, period=0.8))
+    config = settings(1, period=0.8, gains=LateralGains())
+    y = lateral_means(predict([car], config), Road(3, 4.0), config)
     # T^2/2 = 0.32: (1 - 3 * 0.32) * 0 + 0.32 * (3 * 4 - 1 * 0.4)
     assert y[0, 0] == pytest.approx(0.32 * 11.6)
 

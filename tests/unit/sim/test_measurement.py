@@ -16,11 +16,11 @@ SCENE = Scene(0.0, Road(3, 4.0), EGO, (A, B))
 
 def test_without_noise_the_scene_is_the_scene():
     assert Measurement().perceive(SCENE, 0) is SCENE
-    assert measurement_noise(0.0, 0.0).exact
+    assert measurement_noise(0.0, 0.0, 0.0).exact
 
 
 def test_one_vehicle_can_be_measured_with_noise():
-    seen = Measurement(seed=1, by_vehicle={"a": measurement_noise(4.0, 1.0)}).perceive(SCENE, 0)
+    seen = Measurement(seed=1, by_vehicle={"a": measurement_noise(4.0, 1.0, 4.0)}).perceive(SCENE, 0)
     assert seen.ego is EGO
     assert seen.others[1] is B
     assert seen.others[0] != A

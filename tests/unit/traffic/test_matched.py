@@ -10,6 +10,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
 from sumo_hmdp.traffic.matched import MatchedModel, draw_path
 
@@ -19,7 +20,7 @@ START = VehicleState("a", x=10.0, y=0.0, speed=20.0, lane=2)
 
 
 def model(lateral=KEEP, longitudinal=(0.0, 1.0, 0.0), noise=None, **changes):
-    settings = {"period": 0.5, "accel": 2.0, "lane_change_time": 2.0} | changes
+    settings = {"period": 0.5, "accel": 2.0, "following": LaneFollowing(change_time=2.0)} | changes
     return MatchedModel(
         ScheduledPolicy(((0.0, Policy(lateral, longitudinal)),)), Noise() if noise is None else noise, **settings
     )
@@ -39,11 +40,14 @@ def test_a_lane_change_is_intended_after_the_instant_of_its_action_and_done_with
     path = draw_path(START, model(lateral=((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))), ROAD, 4.0, seed=1)
     assert path.at(0.0).lane == 2
     assert path.at(0.01).lane == path.at(0.5).lane == 1
-    # The quintic is half way after half of its time, at 1.875 of its mean speed.
+    # At 4 m in 2 s: half way after half of its time.
+    assert path.at(0.0).lateral_speed == 0.0
+    assert path.at(0.3).y == pytest.approx(0.6)
     assert path.at(1.0).y == pytest.approx(2.0)
-    assert path.at(1.0).lateral_speed == pytest.approx(1.875 * 4.0 / 2.0)
-    assert path.at(1.0).heading == pytest.approx(math.atan2(3.75, 20.0))
+    assert path.at(1.0).lateral_speed == pytest.approx(2.0)
+    assert path.at(1.0).heading == pytest.approx(math.atan2(2.0, 20.0))
     assert path.at(2.0).y == path.at(3.0).y == pytest.approx(4.0)
+    assert path.at(2.2).lateral_speed == path.at(3.0).lateral_speed == 0.0
 
 
 def test_frequencies_and_moments_are_the_models():
