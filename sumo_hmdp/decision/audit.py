@@ -12,9 +12,12 @@ import numpy as np
 
 from sumo_hmdp.decision.cost import baseline_action, stage_cost
 from sumo_hmdp.decision.decide import Answer, make_plan
+from sumo_hmdp.decision.graph import path_of
 from sumo_hmdp.decision.lattice import EgoLattice
 from sumo_hmdp.decision.occupancy import shares_lane
+from sumo_hmdp.decision.paths import RISK_TIE
 from sumo_hmdp.decision.plan_distances import lanes_shared, missing_distances
+from sumo_hmdp.decision.plan_risk import PlanRisk
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
 from sumo_hmdp.decision.stop_lines import line_shortfalls, place_of
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, ManeuverState, Mode
@@ -99,6 +102,9 @@ def audit(problem: DecisionProblem, answer: Answer, before: tuple[DecisionProble
     last_cost = first_stage_cost(last_problem, last)
     if last_problem.settings.preferences.terminal_weight >= 1 and last.objective is not None and last_cost is not None:
         bound = last.objective - last_cost
+    if answer.choice is not None:
+        feasible, reason = shifted_within_risk(answer.choice.model, last_problem, last)
+        return Audit(cost, bound, shifted_feasible=feasible, shifted_reason=reason)
     sequence = shifted(last_problem, last)
     breach = first_breach(problem, answer, sequence)
     if breach is None:
@@ -131,6 +137,34 @@ def shifted(problem: DecisionProblem, answer: Answer) -> ManeuverSequence:
         (*answer.sequence.laterals[1:], Lateral(lateral)),
         (*answer.sequence.modes[1:], Mode(mode)),
     )
+
+
+def shifted_within_risk(model: PlanRisk, last_problem: DecisionProblem, last: Answer) -> tuple[bool, str]:
+    """Tell whether the shifted plan keeps the risk level under `joint`, and why not.
+
+    At its end stands the better of two actions: the baseline's toward its goal, and braking.
+    """
+    goal = shifted(last_problem, last)
+    end = Mode(max(goal.modes[-2] - 1, -1)) if len(goal.modes) > 1 else Mode.DECELERATE
+    braking = ManeuverSequence((*goal.laterals[:-1], Lateral.KEEP), (*goal.modes[:-1], end))
+    budget = model.problem.settings.risk_level + RISK_TIE
+    found = []
+    for sequence in (goal, braking):
+        path = path_of(model.graph, sequence)
+        if path is None:
+            continue
+        parts = model.of_path(path)
+        if parts.sum() + model.dropped <= budget:
+            return True, ""
+        found.append(parts)
+    if not found:
+        return False, f"{Cause.LIMITS}: no admissible maneuver is left at the end, or a stop line closed"
+    parts = min(found, key=lambda each: float(each.sum()))
+    row, step = divmod(int(parts.argmax()), parts.shape[1])
+    name = model.problem.vehicles[model.vehicles[row]].state.id
+    known = name in {vehicle.state.id for vehicle in last_problem.vehicles}
+    cause = Cause.NEW_VEHICLE if not known else Cause.BASELINE if step + 1 == parts.shape[1] else Cause.NOISE
+    return False, f"{cause}: step {step + 1}, risk {parts.sum() + model.dropped:.3g}, most from {name}"
 
 
 def first_breach(problem: DecisionProblem, answer: Answer, sequence: ManeuverSequence) -> Breach | None:

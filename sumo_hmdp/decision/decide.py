@@ -4,26 +4,26 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import Any
 
 import numpy as np
 
-from sumo_hmdp.decision.corridors import Corridors, carve, clearances
+from sumo_hmdp.decision.corridors import Corridors
 from sumo_hmdp.decision.cost import objective
 from sumo_hmdp.decision.distance import counted
 from sumo_hmdp.decision.fallback import braking_demand
-from sumo_hmdp.decision.lattice import EgoLattice, ego_lattice
+from sumo_hmdp.decision.joint import Choice, Deadline, RiskTaken, choose, risk_reason
+from sumo_hmdp.decision.lattice import EgoLattice
 from sumo_hmdp.decision.optimiser import DeadlineError, best_sequence, least_violation
 from sumo_hmdp.decision.plan_distances import shortfalls
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
-from sumo_hmdp.decision.risk import margins
 from sumo_hmdp.decision.search import search_best, search_relaxed
+from sumo_hmdp.decision.situation import Situation
 from sumo_hmdp.decision.stop_lines import line_shortfalls
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
 from sumo_hmdp.domain.scene import StopLine
 from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.prediction.branches import Branches, predict
+from sumo_hmdp.prediction.branches import Branches
 from sumo_hmdp.prediction.dynamics import FloatArray
 
 Solver = Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]
@@ -52,6 +52,8 @@ SOLVERS = (*PAIRS, BOTH)
 
 # Two proofs of one optimum may differ by what HiGHS calls equal.
 OBJECTIVE_TOLERANCE = 1e-6
+# Two plans of equal cost are told apart by their risk, where it differs by more than this.
+RISK_TOLERANCE = 2e-9
 
 
 @dataclass(frozen=True)
@@ -90,12 +92,10 @@ class Answer:
         brake: deceleration of a fallback, a positive magnitude [m/s2]; None otherwise.
         plan: the steps, empty for a fallback.
         sequence: the maneuvers of the plan, None for a fallback.
-        lattice: where the ego can be.
-        branches: the prediction.
-        margin: of the chance constraint, (B, H) [m].
-        corridors: the free windows that keep every distance.
+        situation: what the answer rests on.
         solver: its name.
         solve_time: wall-clock time of the whole answer [s].
+        choice: under `joint` the risk of the plan, and of every other; None otherwise.
     """
 
     status: Status
@@ -107,12 +107,45 @@ class Answer:
     brake: float | None
     plan: tuple[PlanStep, ...]
     sequence: ManeuverSequence | None
-    lattice: EgoLattice
-    branches: Branches
-    margin: FloatArray
-    corridors: Corridors
+    situation: Situation
     solver: str
     solve_time: float
+    choice: Choice | None = None
+
+    @property
+    def risk(self) -> RiskTaken | None:
+        """The risk of the plan, None where it is not computed."""
+        return None if self.choice is None else self.choice.risk
+
+    @property
+    def lattice(self) -> EgoLattice:
+        """Where the ego can be."""
+        return self.situation.lattice
+
+    @property
+    def branches(self) -> Branches:
+        """The likely branches of every vehicle."""
+        return self.situation.branches
+
+    @property
+    def margin(self) -> FloatArray:
+        """Margins of the chance constraint, (B, H) [m]."""
+        return self.situation.margin
+
+    @property
+    def corridors(self) -> Corridors:
+        """The free windows that keep every distance."""
+        return self.situation.corridors
+
+    @property
+    def branch_count(self) -> int:
+        """How many branches were kept; under `joint` how many places of the vehicles at the end of the horizon."""
+        return len(self.branches.vehicle) if self.choice is None else self.choice.model.place_count
+
+    @property
+    def pruned(self) -> float:
+        """The probability that the prediction dropped: under `joint` in all, otherwise the most of any vehicle."""
+        return float(self.branches.pruned.max(initial=0.0)) if self.risk is None else self.risk.dropped
 
 
 class SolversDisagreeError(SumoHmdpError):
@@ -147,39 +180,61 @@ def answer(problem: DecisionProblem, solver: str = "milp") -> Answer:
 
 
 def _answer(problem: DecisionProblem, solver: SolverPair) -> Answer:
-    """Predict, tighten, carve, solve."""
+    """Predict, tighten, carve, solve; under `joint` predict, weigh, solve."""
     started = time.perf_counter()
-    lattice = ego_lattice(problem)
-    branches = predict(problem.vehicles, problem.settings.prediction())
-    margin = margins(branches, problem.settings)
-    corridors = carve(problem, lattice, branches, clearances(problem, branches, margin, relaxed=False))
-    failure = "every plan means contact or leaves the speed limits"
-    status, sequence = Status.OPTIMAL, None
-    try:
-        sequence = solver.best(problem, lattice, corridors)
-        if sequence is None:
-            status = Status.RELAXED
-            contact = clearances(problem, branches, margin, relaxed=True)
-            sequence = solver.relaxed(problem, lattice, carve(problem, lattice, branches, contact))
-    except DeadlineError:
-        failure = f"no plan was known when the deadline of {problem.settings.period:g} s came"
-    common: dict[str, Any] = {
-        "lattice": lattice,
-        "branches": branches,
-        "margin": margin,
-        "corridors": corridors,
-        "solver": solver.name,
-    }
-    found = _fallback(problem, failure, common) if sequence is None else _planned(problem, status, sequence, common)
+    situation = Situation(problem)
+    found = _joint(situation, solver.name, started) if situation.joint else _with_margins(situation, solver)
     return replace(found, solve_time=time.perf_counter() - started)
 
 
-def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequence, common: dict[str, Any]) -> Answer:
+def _joint(situation: Situation, solver: str, started: float) -> Answer:
+    """Answer by the risk of whole plans (docs/formulation.md, eq. 38)."""
+    choice = choose(situation, solver, Deadline(started, situation.problem.settings.period))
+    if choice.sequence is None or choice.plan is None:
+        failure = f"the best plan ends in contact with a probability of {choice.risk.contact:.0%}"
+        return _fallback(situation, failure, solver, choice)
+    status = choice.status
+    return Answer(
+        status=status,
+        objective=choice.plan.cost,
+        violation=choice.metres,
+        reason="" if status is Status.OPTIMAL else risk_reason(situation.problem, choice),
+        lateral=choice.sequence.laterals[0],
+        mode=choice.sequence.modes[0],
+        brake=None,
+        plan=make_plan(situation.problem, situation.lattice, choice.sequence),
+        sequence=choice.sequence,
+        situation=situation,
+        solver=solver,
+        solve_time=0.0,
+        choice=choice,
+    )
+
+
+def _with_margins(situation: Situation, solver: SolverPair) -> Answer:
+    """Answer by a margin for each distance (docs/formulation.md, eqs. 8 to 15)."""
+    problem, lattice = situation.problem, situation.lattice
+    failure = "every plan means contact or leaves the speed limits"
+    status, sequence = Status.OPTIMAL, None
+    try:
+        sequence = solver.best(problem, lattice, situation.corridors)
+        if sequence is None:
+            status = Status.RELAXED
+            sequence = solver.relaxed(problem, lattice, situation.contact_corridors)
+    except DeadlineError:
+        failure = f"no plan was known when the deadline of {problem.settings.period:g} s came"
+    if sequence is None:
+        return _fallback(situation, failure, solver.name)
+    return _planned(situation, status, sequence, solver.name)
+
+
+def _planned(situation: Situation, status: Status, sequence: ManeuverSequence, solver: str) -> Answer:
     """Return the answer that follows a sequence of maneuvers."""
-    plan = make_plan(problem, common["lattice"], sequence)
+    problem = situation.problem
+    plan = make_plan(problem, situation.lattice, sequence)
     violation, reason = 0.0, ""
     if status is Status.RELAXED:
-        violation, worst = violation_of(problem, plan, common["branches"], common["margin"])
+        violation, worst = violation_of(problem, plan, situation.branches, situation.margin)
         reason = f"no plan keeps every distance{' and stop line' * bool(problem.stop_lines)}; {worst}"
     if not sequence.proven:
         status = Status.INCUMBENT if status is Status.OPTIMAL else status
@@ -188,7 +243,7 @@ def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequenc
         reason = f"{reason}; " * bool(reason) + (late if problem.settings.enforce_deadline else unsure)
     return Answer(
         status=status,
-        objective=objective(problem.settings.preferences, common["lattice"], problem.ego.lane, sequence),
+        objective=objective(problem.settings.preferences, situation.lattice, problem.ego.lane, sequence),
         violation=violation,
         reason=reason,
         lateral=sequence.laterals[0],
@@ -196,14 +251,15 @@ def _planned(problem: DecisionProblem, status: Status, sequence: ManeuverSequenc
         brake=None,
         plan=plan,
         sequence=sequence,
+        situation=situation,
+        solver=solver,
         solve_time=0.0,
-        **common,
     )
 
 
-def _fallback(problem: DecisionProblem, failure: str, common: dict[str, Any]) -> Answer:
+def _fallback(situation: Situation, failure: str, solver: str, choice: Choice | None = None) -> Answer:
     """Return the answer that brakes in lane."""
-    brake, blocker = braking_demand(problem, common["branches"])
+    brake, blocker = braking_demand(situation.problem, situation.branches)
     return Answer(
         status=Status.FALLBACK,
         objective=None,
@@ -214,8 +270,10 @@ def _fallback(problem: DecisionProblem, failure: str, common: dict[str, Any]) ->
         brake=brake,
         plan=(),
         sequence=None,
+        situation=situation,
+        solver=solver,
         solve_time=0.0,
-        **common,
+        choice=choice,
     )
 
 
@@ -229,11 +287,16 @@ def _require_agreement(problem: DecisionProblem, first: Answer, second: Answer) 
         first.status is not second.status
         or differ(first.violation, second.violation, 10 * DISTANCE_TOLERANCE)
         or differ(first.objective, second.objective, OBJECTIVE_TOLERANCE)
+        or differ(_risk_taken(first), _risk_taken(second), RISK_TOLERANCE)
     ):
         told = " but ".join(
             f"{a.solver} says {a.status}, objective {a.objective}, violation {a.violation} m" for a in (first, second)
         )
         raise SolversDisagreeError(f"both solvers must agree, {told}", problem)
+
+
+def _risk_taken(answer: Answer) -> float | None:
+    return None if answer.risk is None else answer.risk.taken
 
 
 def make_plan(problem: DecisionProblem, lattice: EgoLattice, sequence: ManeuverSequence) -> tuple[PlanStep, ...]:

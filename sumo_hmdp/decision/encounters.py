@@ -117,6 +117,11 @@ def dropped_probability(problem: DecisionProblem, vehicles: Sequence[PredictedVe
     return np.array([_places(problem, vehicle).dropped for vehicle in vehicles], dtype=np.float64)
 
 
+def place_count(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> int:
+    """Return how many places along the road vehicles have at the end of the horizon."""
+    return sum(len(_places(problem, vehicle).steps[-1].point) for vehicle in vehicles)
+
+
 def in_reach(
     problem: DecisionProblem, vehicles: Sequence[PredictedVehicle], ego: Sequence[EgoPlaces]
 ) -> tuple[int, ...]:

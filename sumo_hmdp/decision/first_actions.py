@@ -87,12 +87,6 @@ class _Judge:
     answer: Answer
 
     @cached_property
-    def relaxed_corridors(self) -> Corridors:
-        """The corridors that end at contact."""
-        contact = clearances(self.problem, self.answer.branches, self.answer.margin, relaxed=True)
-        return carve(self.problem, self.answer.lattice, self.answer.branches, contact)
-
-    @cached_property
     def open_corridors(self) -> Corridors:
         """The corridors that keep every distance, and no stop line."""
         safe = clearances(self.problem, self.answer.branches, self.answer.margin, relaxed=False)
@@ -110,7 +104,7 @@ class _Judge:
         sequence = search_best(problem, answer.lattice, answer.corridors, first)
         if sequence is not None:
             return self._with_plan(replace(action, verdict=Verdict.FEASIBLE), sequence)
-        sequence = search_relaxed(problem, answer.lattice, self.relaxed_corridors, first)
+        sequence = search_relaxed(problem, answer.lattice, answer.situation.contact_corridors, first)
         if sequence is not None:
             return self._with_plan(replace(action, verdict=Verdict.SHORT), sequence)
         contact = first_contact(problem, answer, first)

@@ -199,7 +199,7 @@ def flow_model(arcs: list[FlowArc], steps: int, budget: float, preferences: Pref
         """Row: sum of f[e] into a node = sum of f[e] out of it."""
         entering, leaving = into.get((k, node), []), out.get((k, node), [])
         signs = [1.0] * len(entering) + [-1.0] * len(leaving)
-        return LinearExpression(0.0, signs, [model.f[e] for e in (*entering, *leaving)]) == 0
+        return _linear(signs, [model.f[e] for e in (*entering, *leaving)]) == 0
 
     def maneuver_is_flow(model: pyo.ConcreteModel, k: int, mode: int, lateral: int) -> pyo.Expression:
         """Row: u[k, mode, lateral] = sum of f[e] over its arcs."""
@@ -207,7 +207,7 @@ def flow_model(arcs: list[FlowArc], steps: int, budget: float, preferences: Pref
 
     def risk_within_budget(model: pyo.ConcreteModel) -> pyo.Expression:
         """Row: sum over e of risk[e] f[e] <= eps."""
-        return LinearExpression(0.0, [a.resource for a in arcs], [model.f[e] for e in model.E]) <= budget
+        return _linear([a.resource for a in arcs], [model.f[e] for e in model.E]) <= budget
 
     inner = sorted({node for node in (*into, *out) if 0 < node[0] < steps})
     model.one_unit = pyo.Constraint(rule=one_unit)
@@ -216,12 +216,16 @@ def flow_model(arcs: list[FlowArc], steps: int, budget: float, preferences: Pref
     model.risk_within_budget = pyo.Constraint(rule=risk_within_budget)
     of_maneuvers = [(preferences.maneuver(mode, lateral), model.u[k, mode, lateral]) for k, mode, lateral in model.U]
     terms = [*((arc.cost, model.f[e]) for e, arc in enumerate(arcs)), *of_maneuvers]
-    model.cost = pyo.Objective(expr=LinearExpression(0.0, [c for c, _ in terms], [v for _, v in terms]))
+    model.cost = pyo.Objective(expr=_linear([c for c, _ in terms], [v for _, v in terms]))
     return model
 
 
 def _sum(model: pyo.ConcreteModel, arcs: list[int]) -> LinearExpression:
-    return LinearExpression(0.0, [1.0] * len(arcs), [model.f[e] for e in arcs])
+    return _linear([1.0] * len(arcs), [model.f[e] for e in arcs])
+
+
+def _linear(factors: list[float], variables: list[pyo.Var]) -> LinearExpression:
+    return LinearExpression(constant=0.0, linear_coefs=factors, linear_vars=variables)
 
 
 def _path(arcs: list[FlowArc], result: MilpResult, steps: int) -> Path:

@@ -269,9 +269,7 @@ def path_of(graph: DecisionGraph, sequence: ManeuverSequence) -> Path | None:
     state, motion, moves, arcs = 0, 0, [], []
     for step, lateral, mode in zip(graph.steps, sequence.laterals, sequence.modes, strict=True):
         move = np.flatnonzero((step.moves.before == state) & (step.moves.lateral == int(lateral)))
-        arc = np.flatnonzero(
-            (step.motions.before == motion) & (step.motions.mode[step.motions.after] == int(mode))
-        )
+        arc = np.flatnonzero((step.motions.before == motion) & (step.motions.mode[step.motions.after] == int(mode)))
         if not len(move) or not len(arc) or not np.isfinite(step.cost[move[0], arc[0]]):
             return None
         moves.append(int(move[0]))

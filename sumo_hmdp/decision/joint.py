@@ -180,7 +180,9 @@ def _relaxed(situation: Situation, least: float, solver: str, deadline: Deadline
     taken = _taken(risk, found, least)
     if taken.contact >= LIKELY_CONTACT:
         return Choice(Status.FALLBACK, None, None, 0.0, taken, risk)
-    metres = sum(float(m[move, arc]) for m, move, arc in zip(risk.shortfall, found.path.moves, found.path.arcs, strict=True))
+    metres = sum(
+        float(m[move, arc]) for m, move, arc in zip(risk.shortfall, found.path.moves, found.path.arcs, strict=True)
+    )
     return Choice(Status.RELAXED, found, _sequence(risk, found, proven=proven), metres, taken, risk)
 
 
@@ -211,3 +213,18 @@ def _taken(risk: PlanRisk, plan: Plan, least: float) -> RiskTaken:
         vehicles=names,
         parts=parts,
     )
+
+
+def risk_reason(problem: DecisionProblem, choice: Choice) -> str:
+    """Say why a plan is not optimal, and from whom its risk comes."""
+    if choice.status is Status.INCUMBENT:
+        return "the deadline came before the plan was proven to be the best"
+    risk, asked = choice.risk, problem.settings.risk_level
+    text = f"no plan keeps the risk within {asked:.3g}; this one takes {risk.taken:.3g}, the least is {risk.least:.3g}"
+    worst = next(iter(risk.by_vehicle), None)
+    if worst is not None:
+        step = int(risk.parts[risk.vehicles.index(worst)].argmax()) + 1
+        text += f"; most comes from {worst} at step {step}"
+    if any(step.beyond.any() for step in choice.model.graph.steps) and choice.metres > 0.0:
+        text += "; it may not stop before its line"
+    return text

@@ -255,9 +255,7 @@ def labels(
     return LabelSet(tuple(fronts))
 
 
-def _extend(
-    step: GraphStep, front: _Front, cost: FloatArray, resource: FloatArray, limits: Limits, k: int
-) -> _Front:
+def _extend(step: GraphStep, front: _Front, cost: FloatArray, resource: FloatArray, limits: Limits, k: int) -> _Front:
     """Extend labels by every move and arc, and keep those within the limits that no other dominates."""
     move = step.moves.out[front.state][:, :, None]
     arc = step.motions.out[front.motion][:, None, :]
@@ -302,9 +300,7 @@ def _undominated(node: IntArray, cost: FloatArray, resource: FloatArray) -> IntA
     return order[keep]
 
 
-def settle(
-    graph: DecisionGraph, cost: Weights, resource: Weights, best: Plan, budget: float, bounds: Bounds
-) -> Plan:
+def settle(graph: DecisionGraph, cost: Weights, resource: Weights, best: Plan, budget: float, bounds: Bounds) -> Plan:
     """Return the plan that is taken among those as cheap as the best one (docs/formulation.md, eq. 39).
 
     Of plans whose costs differ by less than `COST_TIE` the one of least resource, where differences below `RISK_TIE` do not
@@ -345,9 +341,7 @@ def first_in_order(graph: DecisionGraph, cost: Weights, resource: Weights, limit
 def _ordered(step: GraphStep, node: Node) -> list[tuple[int, int]]:
     moves = {int(step.moves.lateral[m]): int(m) for m in step.moves.out[node.state] if m >= 0}
     arcs = {int(step.motions.mode[step.motions.after[a]]): int(a) for a in step.motions.out[node.motion] if a >= 0}
-    return [
-        (moves[lateral], arcs[mode]) for lateral, mode in MANEUVER_ORDER if lateral in moves and mode in arcs
-    ]
+    return [(moves[lateral], arcs[mode]) for lateral, mode in MANEUVER_ORDER if lateral in moves and mode in arcs]
 
 
 def _can_finish(
@@ -379,12 +373,8 @@ def frontier(graph: DecisionGraph, cost: Weights, resource: Weights, bounds: Bou
     return plans
 
 
-def next_cheaper(
-    graph: DecisionGraph, cost: Weights, resource: Weights, plan: Plan, bounds: Bounds
-) -> Plan | None:
+def next_cheaper(graph: DecisionGraph, cost: Weights, resource: Weights, plan: Plan, bounds: Bounds) -> Plan | None:
     """Return the least risky of the plans that cost less than a plan, None where none does."""
     swapped = Bounds(bounds.resource, bounds.cost)
     found = cheapest(graph, resource, cost, plan.cost - COST_TIE, swapped)
     return None if found is None else Plan(found.path, found.resource, found.cost)
-
-

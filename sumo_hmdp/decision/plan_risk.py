@@ -22,6 +22,7 @@ from sumo_hmdp.decision.encounters import (
     dropped_probability,
     encounters,
     in_reach,
+    place_count,
 )
 from sumo_hmdp.decision.graph import DecisionGraph, GraphStep, Path
 from sumo_hmdp.decision.problem import DecisionProblem
@@ -76,6 +77,11 @@ class PlanRisk:
         """Risk of each move and arc, (P, A) for each step (docs/formulation.md, eq. 37)."""
         return self._by_arc(self.safe)
 
+    @property
+    def place_count(self) -> int:
+        """How many places the vehicles that may matter have at the end of the horizon."""
+        return place_count(self.problem, self._seen)
+
     @cached_property
     def contact(self) -> tuple[StepEncounters, ...]:
         """Encounters by the distance below which bodies touch, with the metres missing to the safe one elsewhere."""
@@ -128,7 +134,9 @@ class PlanRisk:
             before, after = step.moves.footprints.T
             alone = near.short[:, index.places.hops[:, 1]]
             together = near.passes - near.again
-            each = taken.now[:, after, None] * alone[:, None] + taken.both[:, before, after][..., None] * together[:, None]
+            each = (
+                taken.now[:, after, None] * alone[:, None] + taken.both[:, before, after][..., None] * together[:, None]
+            )
             of_pair = np.maximum(each, 0.0).sum(axis=0)
             of_arc = of_pair[step.moves.pair[:, None], index.hop]
             rows.append(np.where(np.isfinite(step.cost), of_arc, np.inf))

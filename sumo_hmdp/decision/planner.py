@@ -190,13 +190,16 @@ def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: f
         reason=result.reason,
         solver=result.solver,
         solve_time=solve_time,
-        pruned_prob=float(result.branches.pruned.max(initial=0.0)),
-        branch_count=len(result.branches.vehicle),
+        pruned_prob=result.pruned,
+        branch_count=result.branch_count,
         vehicles=tuple(vehicle.state.id for vehicle in problem.vehicles),
         stage_cost=checked.stage_cost,
         objective_bound=checked.objective_bound,
         shifted_feasible=checked.shifted_feasible,
         shifted_reason=checked.shifted_reason,
+        risk_taken=None if result.risk is None else result.risk.taken,
+        risk_least=None if result.risk is None else result.risk.least,
+        contact_risk=None if result.risk is None else result.risk.contact,
         evidence=HmdpEvidence(problem, result),
     )
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_hmdp.decision.decide import Answer
+from sumo_hmdp.decision.joint import RiskTaken
 from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.problem_checks import RawDocument, cross_checks, dead_ends
 from sumo_hmdp.decision.problem_schema import ProblemFile
@@ -178,7 +179,19 @@ def answer_document(answer: Answer) -> dict[str, Any]:
             for step in answer.plan
         ],
         "prediction": {
-            "branches": len(answer.branches.vehicle),
-            "pruned_prob": float(answer.branches.pruned.max(initial=0.0)),
+            "branches": answer.branch_count,
+            "pruned_prob": answer.pruned,
         },
+        **({} if answer.risk is None else {"risk": _risk_document(answer.risk)}),
+    }
+
+
+def _risk_document(risk: RiskTaken) -> dict[str, Any]:
+    """Return the risk of an answer: in all, the least of any plan, of contact, and from whom it comes."""
+    return {
+        "taken": risk.taken,
+        "least": risk.least,
+        "contact": risk.contact,
+        "dropped": risk.dropped,
+        "by_vehicle": risk.by_vehicle,
     }

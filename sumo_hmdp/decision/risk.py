@@ -31,11 +31,15 @@ def tail_probabilities(branches: Branches, settings: PlannerSettings) -> FloatAr
     the sum over branches of p_b eps_b (eq. 9c). So an unlikely branch may take a larger tail. The probability that
     any distance falls short within the horizon is at most eps.
 
+    `joint`: no share and no margin, since the risk of whole plans is bounded instead (`decision/plan_risk.py`).
+
     All claims suppose that the world follows the model.
 
     Raises:
         RiskBudgetError: if a vehicle's pruned probability leaves nothing of its share.
     """
+    if settings.risk_allocation is RiskAllocation.JOINT:
+        return np.full(len(branches.vehicle), LARGEST_TAIL)
     of_vehicle = _vehicle_shares(branches, settings)
     if settings.risk_allocation is not RiskAllocation.MIXTURE:
         return of_vehicle.take(branches.vehicle)

@@ -166,13 +166,17 @@ class Decision:
         reason: why it is not optimal, empty when it is.
         solver: which solver answered.
         solve_time: wall-clock seconds spent [s], NaN where it is not known; never part of a trace hash.
-        pruned_prob: the largest pruned probability of any vehicle.
-        branch_count: how many branches were retained.
+        pruned_prob: the largest pruned probability of any vehicle; under `joint` what was dropped, of all vehicles.
+        branch_count: how many branches were retained; under `joint` how many places at the end of the horizon.
         vehicles: ids of the vehicles that the plan keeps its distance to, None where that is not known.
         stage_cost: cost of the step now taken, None where there is none.
         objective_bound: what the stability theorem allows the objective to be at most, None where it says nothing.
         shifted_feasible: whether the plan before, shifted by a step, is still feasible; None where there is none.
         shifted_reason: why it is not, empty where it is.
+        risk_taken: upper bound of the probability that any distance falls short within the horizon, by the plan; None
+            where it is not computed.
+        risk_least: the same of the least risky plan.
+        contact_risk: upper bound of the probability that the plan ends in contact.
         evidence: what else can be shown of it, worked out only when asked for; None for planners that have none.
     """
 
@@ -194,6 +198,9 @@ class Decision:
     objective_bound: float | None = None
     shifted_feasible: bool | None = None
     shifted_reason: str = ""
+    risk_taken: float | None = None
+    risk_least: float | None = None
+    contact_risk: float | None = None
     evidence: "Evidence | None" = None
 
 

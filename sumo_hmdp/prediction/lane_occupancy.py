@@ -10,15 +10,19 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from sumo_hmdp.domain.occupancy import BODY_TOLERANCE
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.prediction.branches import BoolArray, IntArray, PredictedVehicle
+from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
 from sumo_hmdp.prediction.dynamics import FloatArray, LateralGains, next_lateral
 from sumo_hmdp.prediction.lateral import centers_of, lateral_deviations, next_on_path, path_of
 from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct
 from sumo_hmdp.prediction.policy import Policy
+
+
+BoolArray = NDArray[np.bool_]
 
 
 class LanesTaken(NamedTuple):

@@ -26,7 +26,7 @@ DECISION_COLUMNS = {
     "run_id": "str", "decision_index": "int64", "time_s": "float64", "status": "str", "reason": "str",
     "lateral": "str", "mode": "str", "lane": "int64", "accel_mps2": "float64", "objective": "float64",
     "violation_m": "float64", "stage_cost": "float64", "objective_bound": "float64", "shifted_feasible": "boolean",
-    "shifted_reason": "str", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
+    "shifted_reason": "str", "risk_taken": "float64", "risk_least": "float64", "contact_risk": "float64", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
 }  # fmt: skip
@@ -206,6 +206,9 @@ class Recorder:
             "objective_bound": decision.objective_bound,
             "shifted_feasible": decision.shifted_feasible,
             "shifted_reason": decision.shifted_reason,
+            "risk_taken": decision.risk_taken,
+            "risk_least": decision.risk_least,
+            "contact_risk": decision.contact_risk,
             "solver": decision.solver,
             "solve_time_ms": 1000 * decision.solve_time,
             "pruned_prob": decision.pruned_prob,
