@@ -1,0 +1,128 @@
+"""Brute force for the rule `joint`, the surrounding vehicles: all that they may do, and where that leads.
+
+Nothing is pruned. The policy factorises, so that lateral actions and modes are enumerated apart. The conventions are
+those of brute_prediction.py.
+"""
+
+import importlib.util
+import math
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+_SPEC = importlib.util.spec_from_file_location("oracle_joint_base", Path(__file__).with_name("brute_prediction.py"))
+prediction = importlib.util.module_from_spec(_SPEC)
+sys.modules[_SPEC.name] = prediction
+_SPEC.loader.exec_module(prediction)
+
+setting = prediction.setting
+
+KEY_DECIMALS = 7  # places and speeds that agree so far are one; the first of them stands for all
+
+
+def renormalised(table):
+    """Return the positive entries of {outcome: weight}, made to sum to 1."""
+    total = math.fsum(table.values())
+    if total <= 0.0:
+        raise ValueError("no action has a positive probability")
+    return {outcome: weight / total for outcome, weight in table.items() if weight > 0.0}
+
+
+def lateral_choices(problem, vehicle, lane):
+    """Return {lateral action: probability} in a lane: the lane's row, without what leads off the road."""
+    table = vehicle["lateral_probs"]
+    row = table.get(str(lane), table)
+    lanes = problem["lanes"]["count"]
+    inside = {lateral: row[name] for name, lateral in prediction.LATERALS.items() if 1 <= lane + lateral <= lanes}
+    return renormalised(inside)
+
+
+def mode_choices(vehicle, mode):
+    """Return {next mode: probability} in a mode: at most one level from it."""
+    table = vehicle["longitudinal_probs"]
+    return renormalised({m: table[name] for name, m in prediction.MODES.items() if abs(m - mode) <= 1})
+
+
+def lateral_law(problem, vehicle, y, lateral_speed, lateral, lane):
+    """Return (y, lateral speed, gain, noise) of a step whose action leads to a lane.
+
+    y and lateral speed are the mean after the step. A deviation from the mean y is multiplied by the gain, and
+    noise of this variance is added to it: var+ = gain^2 var + noise.
+    """
+    T, K1 = problem["planner"]["period_s"], setting(problem, "lateral_gain_k1_ps2")
+    y, lateral_speed = prediction.lateral_motion(problem, y, lateral_speed, lateral, lane)
+    gain = 1.0 if lateral == 0 else 1.0 - K1 * T**2 / 2.0
+    return y, lateral_speed, gain, vehicle.get("process_position_var_m2", 0.0)
+
+
+class Across(NamedTuple):
+    """A sequence of lateral actions up to some step, and where it leads."""
+
+    actions: tuple
+    prob: float
+    lane: int  # the one it intends
+    y: float
+    lateral_speed: float
+    var: float  # of y
+    gain: float  # of the last step
+    noise: float
+    parent: int  # which sequence of the step before it goes on from
+
+
+def lateral_sequences(problem, vehicle):
+    """Return the sequences of lateral actions, a list of them for each k = 0..H."""
+    start = Across(
+        actions=(),
+        prob=1.0,
+        lane=vehicle["lane"],
+        y=vehicle["y_m"],
+        lateral_speed=vehicle.get("lateral_speed_mps", 0.0),
+        var=vehicle.get("position_var_m2", 0.0),
+        gain=1.0,
+        noise=0.0,
+        parent=0,
+    )
+    steps = [[start]]
+    for _ in range(problem["planner"]["horizon_steps"]):
+        longer = []
+        for parent, before in enumerate(steps[-1]):
+            for lateral, prob in lateral_choices(problem, vehicle, before.lane).items():
+                lane = before.lane + lateral
+                y, speed, gain, noise = lateral_law(problem, vehicle, before.y, before.lateral_speed, lateral, lane)
+                var = gain**2 * before.var + noise
+                actions = (*before.actions, lateral)
+                longer.append(Across(actions, before.prob * prob, lane, y, speed, var, gain, noise, parent))
+        steps.append(longer)
+    return steps
+
+
+def mode_sequences(problem, vehicle):
+    """Return [(probability, modes)]: the modes at steps 0..H-1, each of which drives the step that follows it."""
+    sequences = [(1.0, (prediction.MODES[vehicle["mode"]],))]
+    for _ in range(problem["planner"]["horizon_steps"] - 1):
+        sequences = [
+            (prob * p, (*modes, following))
+            for prob, modes in sequences
+            for following, p in mode_choices(vehicle, modes[-1]).items()
+        ]
+    return sequences
+
+
+def mean_path(problem, vehicle, modes):
+    """Return [(mean x, mean speed)] of a sequence of modes at k = 0..H."""
+    path = [(vehicle["x_m"], vehicle["speed_mps"])]
+    for mode in modes:
+        path.append(prediction.vehicle_motion(problem["planner"], *path[-1], mode))
+    return path
+
+
+def mode_moves(problem, vehicle):
+    """Return, for each k = 0..H, [(probability, (x, speed) at k-1, (x, speed) at k)], equal ones merged."""
+    horizon = problem["planner"]["horizon_steps"]
+    merged = [{} for _ in range(horizon + 1)]
+    for prob, modes in mode_sequences(problem, vehicle):
+        path = mean_path(problem, vehicle, modes)
+        for k in range(1, horizon + 1):
+            key = tuple(round(number, KEY_DECIMALS) for place in path[k - 1 : k + 1] for number in place)
+            merged[k].setdefault(key, [0.0, path[k - 1], path[k]])[0] += prob
+    return [list(step.values()) for step in merged]
