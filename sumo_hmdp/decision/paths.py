@@ -350,8 +350,8 @@ def _can_finish(
     """Tell whether some path from a node keeps both limits: by the bounds where they decide it, else by labels."""
     slack = ROUNDING * (1 + abs(limits.cost))
     left, leftover = limits.cost - spent + slack, limits.resource - used + ROUNDING
-    if not np.isfinite(left) and not np.isfinite(leftover):
-        return True
+    if not (np.isfinite(spent) and np.isfinite(used)):
+        return False
     at = node.state, node.motion
     if limits.bounds.cost[node.step][at] > left or limits.bounds.resource[node.step][at] > leftover:
         return False

@@ -7,6 +7,7 @@ place across the road are merged, which is exact; what falls below a threshold i
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,6 @@ from sumo_hmdp.prediction.dynamics import FloatArray, LateralGains, next_lateral
 from sumo_hmdp.prediction.lateral import centers_of, lateral_deviations, next_on_path, path_of
 from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct
 from sumo_hmdp.prediction.policy import Policy
-
 
 BoolArray = NDArray[np.bool_]
 
@@ -122,7 +122,7 @@ def lanes_taken(
 
 
 def _pairs(footprints: Sequence[BoolArray]) -> list[tuple[BoolArray, BoolArray]]:
-    return list(zip(footprints[:-1], footprints[1:], strict=True))
+    return list(pairwise(footprints))
 
 
 @lru_cache(maxsize=4096)
@@ -208,12 +208,36 @@ def _taken(states: _States, drivers: _Drivers, k: int, footprint: BoolArray) -> 
         y, std = states.y + drivers.deviation[states.vehicle, k], drivers.std[states.vehicle, k]
     else:
         y, std = states.y, np.sqrt(states.variance) if k else np.zeros(len(states.y))
-    # The lanes of a footprint lie side by side: from the left edge of its first to the right edge of its last.
-    first, last = footprint.argmax(axis=1), footprint.shape[1] - 1 - footprint[:, ::-1].argmax(axis=1)
-    left, right = centers_of(rules.road, first + 1), centers_of(rules.road, last + 1)
     reach = (rules.road.lane_width + drivers.width[states.vehicle]) / 2 - BODY_TOLERANCE
-    above, below = left + reach[:, None] - y[:, None], right - reach[:, None] - y[:, None]
-    certain = std[:, None] == 0.0
-    spread = np.where(certain, 1.0, std[:, None])
-    over = np.where(certain, (below < 0) & (above > 0), ndtr(above / spread) - ndtr(below / spread))
-    return np.where(intended, 1.0, np.maximum(over, 0.0))
+    over = np.zeros(intended.shape)
+    for rows, first, last in _blocks(footprint):
+        left, right = centers_of(rules.road, first + 1), centers_of(rules.road, last + 1)
+        above, below = left + reach[:, None] - y[:, None], right - reach[:, None] - y[:, None]
+        over[:, rows] += _between(below, above, std[:, None])
+    return np.where(intended, 1.0, np.minimum(over, 1.0))
+
+
+def _blocks(footprint: BoolArray) -> list[tuple[IntArray, IntArray, IntArray]]:
+    """Return the blocks of lanes side by side of some footprints: the n-th of all that have one, n after n.
+
+    A block is where a body is over any of its lanes: from the left edge of its first to the right edge of its last. Bodies
+    are narrower than lanes, so one that is over a block is over no other.
+
+    Returns:
+        For each n the footprints, and the indices of the first and the last lane of their n-th block.
+    """
+    edges = np.diff(np.pad(footprint, ((0, 0), (1, 1))).astype(np.int64), axis=1)
+    rows, firsts = np.nonzero(edges == 1)
+    lasts = np.nonzero(edges == -1)[1] - 1
+    number = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    return [
+        (rows[number == n], firsts[number == n], lasts[number == n]) for n in range(int(number.max(initial=-1)) + 1)
+    ]
+
+
+def _between(below: FloatArray, above: FloatArray, std: FloatArray) -> FloatArray:
+    """Return P(below < e < above) for an error e of some deviation, 0 or 1 where that is 0."""
+    certain = std == 0.0
+    spread = np.where(certain, 1.0, std)
+    inside = np.maximum(ndtr(above / spread) - ndtr(below / spread), 0.0)
+    return np.asarray(np.where(certain, (below < 0) & (above > 0), inside), dtype=np.float64)

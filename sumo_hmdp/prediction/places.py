@@ -47,7 +47,7 @@ class StepPlaces:
     @cached_property
     def place_probability(self) -> FloatArray:
         """Probability of each place, (D,)."""
-        return np.bincount(self.after, weights=self.probability, minlength=len(self.point))
+        return summed(self.after, self.probability, len(self.point))
 
     @cached_property
     def transition(self) -> FloatArray:
@@ -104,14 +104,14 @@ def _places(longitudinal: Probabilities, mode: int, speed: float, steps: int, by
                 count,
                 place[pair_first],
                 after[pair_first],
-                np.bincount(pair, weights=probability),
+                summed(pair, probability, len(pair_first)),
             )
         )
         count = len(first)
         row, following = np.nonzero(into[modes + 1])
         weight = probability[row] * into[modes[row] + 1, following]
         merged_first, merged = distinct(point[row], change[row], following)
-        weight = np.bincount(merged, weights=weight)
+        weight = summed(merged, weight, len(merged_first))
         kept = weight >= LEAST_PLACE_PROBABILITY
         dropped += float(weight[~kept].sum())
         chosen = merged_first[kept]
@@ -128,7 +128,7 @@ def mode_transitions(longitudinal: Probabilities) -> FloatArray:
     mode = np.arange(3)
     masked = np.where(np.abs(mode[:, None] - mode) <= 1, np.array(longitudinal), 0.0)
     total = masked.sum(axis=1, keepdims=True)
-    return np.divide(masked, total, out=np.zeros_like(masked), where=total > 0)
+    return np.asarray(np.divide(masked, total, out=np.zeros_like(masked), where=total > 0), dtype=np.float64)
 
 
 def _advance(point: FloatArray, change: FloatArray, mode: IntArray, speed: float) -> tuple[FloatArray, FloatArray]:
@@ -140,6 +140,11 @@ def _advance(point: FloatArray, change: FloatArray, mode: IntArray, speed: float
     stops = now + mode < -_SAME
     # It goes on by v^2 / (2 accel), a square of speed steps in lattice units, while the drift counts 2 v_0 a step.
     return np.where(stops, point + now**2 - 2 * speed, free_point), np.where(stops, -speed, free_change)
+
+
+def summed(group: IntArray, weights: FloatArray, groups: int) -> FloatArray:
+    """Return the sum of the weights of each group, (groups,)."""
+    return np.bincount(group, weights=weights, minlength=groups).astype(np.float64)
 
 
 def distinct(*keys: FloatArray | IntArray) -> tuple[IntArray, IntArray]:

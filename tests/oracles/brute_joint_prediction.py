@@ -43,16 +43,20 @@ def mode_choices(vehicle, mode):
     return renormalised({m: table[name] for name, m in prediction.MODES.items() if abs(m - mode) <= 1})
 
 
-def lateral_law(problem, vehicle, y, lateral_speed, lateral, lane):
-    """Return (y, lateral speed, gain, noise) of a step whose action leads to a lane.
+def lateral_law(problem, vehicle, lateral):
+    """Return (gain, noise) of a step: a deviation from the mean y is multiplied by the gain, and noise of this
+    variance is added to it: var+ = gain^2 var + noise (33)."""
+    T, paper = problem["planner"]["period_s"], prediction.gains(problem)
+    if paper is None:
+        return math.exp(-T / vehicle.get("lane_keeping_time_s", 2.0)), vehicle.get("process_lateral_var_m2", 0.0)
+    gain = 1.0 if lateral == 0 else 1.0 - paper[0] * T**2 / 2.0
+    return gain, vehicle.get("process_position_var_m2", 0.0)
 
-    y and lateral speed are the mean after the step. A deviation from the mean y is multiplied by the gain, and
-    noise of this variance is added to it: var+ = gain^2 var + noise.
-    """
-    T, K1 = problem["planner"]["period_s"], setting(problem, "lateral_gain_k1_ps2")
-    y, lateral_speed = prediction.lateral_motion(problem, y, lateral_speed, lateral, lane)
-    gain = 1.0 if lateral == 0 else 1.0 - K1 * T**2 / 2.0
-    return y, lateral_speed, gain, vehicle.get("process_position_var_m2", 0.0)
+
+def measured_variance(vehicle):
+    """Return the variance of the measured y."""
+    own = vehicle.get("lateral_var_m2")
+    return vehicle.get("position_var_m2", 0.0) if own is None else own
 
 
 class Across(NamedTuple):
@@ -62,7 +66,6 @@ class Across(NamedTuple):
     prob: float
     lane: int  # the one it intends
     y: float
-    lateral_speed: float
     var: float  # of y
     gain: float  # of the last step
     noise: float
@@ -76,8 +79,7 @@ def lateral_sequences(problem, vehicle):
         prob=1.0,
         lane=vehicle["lane"],
         y=vehicle["y_m"],
-        lateral_speed=vehicle.get("lateral_speed_mps", 0.0),
-        var=vehicle.get("position_var_m2", 0.0),
+        var=measured_variance(vehicle),
         gain=1.0,
         noise=0.0,
         parent=0,
@@ -88,10 +90,11 @@ def lateral_sequences(problem, vehicle):
         for parent, before in enumerate(steps[-1]):
             for lateral, prob in lateral_choices(problem, vehicle, before.lane).items():
                 lane = before.lane + lateral
-                y, speed, gain, noise = lateral_law(problem, vehicle, before.y, before.lateral_speed, lateral, lane)
+                gain, noise = lateral_law(problem, vehicle, lateral)
                 var = gain**2 * before.var + noise
                 actions = (*before.actions, lateral)
-                longer.append(Across(actions, before.prob * prob, lane, y, speed, var, gain, noise, parent))
+                y = prediction.lateral_places(problem, vehicle, actions)[-1]
+                longer.append(Across(actions, before.prob * prob, lane, y, var, gain, noise, parent))
         steps.append(longer)
     return steps
 

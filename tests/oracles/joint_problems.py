@@ -53,6 +53,7 @@ def _draw(rng, horizon):
     if chance(rng, 0.3):
         general._slow(rng, problem)
     _steady(rng, planner)
+    _drivers(rng, problem)
     _gather(rng, problem)
     _doubt(rng, problem)
     _settle(rng, problem)
@@ -64,8 +65,18 @@ def _draw(rng, horizon):
 def _steady(rng, planner):
     """Keep to the lateral gains for which a lane change does not overshoot further with each step."""
     most = 2.0 / planner["period_s"] ** 2
-    if planner.get("lateral_gain_k1_ps2", 3.0) > most:
+    if planner.get("lateral_gain_k1_ps2", 0.0) > most:
         planner["lateral_gain_k1_ps2"] = problems._pick(rng, [gain for gain in (0.6, 1.3, 2.0) if gain <= most])
+
+
+def _drivers(rng, problem):
+    """Let drivers change and keep lanes each in its own way, unless the paper's law holds."""
+    for vehicle in problem["vehicles"]:
+        if problems._chance(rng, 0.5):
+            vehicle["lane_change_time_s"] = problems._pick(rng, [2.0, 3.3, 5.0])
+            vehicle["lane_keeping_time_s"] = problems._pick(rng, [0.7, 2.0, 5.0])
+            vehicle["lateral_var_m2"] = problems._pick(rng, [0.0, 0.01, 0.2])
+            vehicle["process_lateral_var_m2"] = problems._pick(rng, [0.0, 0.01, 0.1])
 
 
 def _gather(rng, problem):

@@ -66,7 +66,7 @@ def _sharing(problem, vehicle, states, rng, samples):
             way.append(step[way[-1].parent])
     swept = brute_force.setting(problem, "occupancy") == "swept"
     reach = (problem["lanes"]["width_m"] + vehicle.get("width_m", brute_force.DEFAULT_WIDTH)) / 2.0
-    error = _normal(rng, vehicle.get("position_var_m2", 0.0), samples)
+    error = _normal(rng, joint.measured_variance(vehicle), samples)
     shares = []
     for k, (road, _) in enumerate(states):
         now = [way[len(steps) - 1 - k] for way in ways]
