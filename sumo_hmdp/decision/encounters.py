@@ -21,7 +21,7 @@ from scipy.special import ndtr
 from sumo_hmdp.decision.distance import clearance_to
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
 from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
-from sumo_hmdp.prediction.dynamics import FloatArray, position_variances
+from sumo_hmdp.prediction.dynamics import FloatArray, Noise, position_variances
 from sumo_hmdp.prediction.places import Places, places_of
 
 # A normal variable is farther from its mean than this many deviations with a probability of 1e-15.
@@ -188,9 +188,11 @@ def _deviations(vehicle: PredictedVehicle, period: float, steps: int) -> FloatAr
 
 
 @lru_cache(maxsize=4096)
-def _deviations_of(noise: object, period: float, steps: int) -> FloatArray:
+def _deviations_of(noise: Noise, period: float, steps: int) -> FloatArray:
     """Return the standard deviation of x after each step 1..H, (H,) [m]."""
-    return np.sqrt(position_variances(noise, period, steps))  # type: ignore[arg-type]
+    deviations: FloatArray = np.sqrt(position_variances(noise, period, steps))
+    deviations.flags.writeable = False
+    return deviations
 
 
 class _Sides(NamedTuple):
@@ -231,7 +233,7 @@ def _fill(
     chance = places.transition
 
     def both(first: FloatArray, second: FloatArray) -> FloatArray:
-        return np.einsum("vgd,vgd->vg", (first @ chance)[:, old], second[:, new])
+        return np.asarray(np.einsum("vgd,vgd->vg", (first @ chance)[:, old], second[:, new]), dtype=np.float64)
 
     into.again[group.rows] = both(before.short, sides.short)
     into.passes[group.rows] = both(before.ahead, sides.behind) + both(before.behind, sides.ahead)

@@ -1,11 +1,11 @@
-"""The joint decision as a mixed-integer linear program, written in Pyomo and solved by HiGHS (docs/formulation.md, eq. 40).
+"""The joint decision as a mixed-integer linear program, written in Pyomo and solved by HiGHS (eq. 40).
 
-Columns: the paper's one-hot maneuvers u[k, mode, lateral] and the flow f[e] over the arcs of the decision graph. One unit
-flows from now to the end of the horizon; each maneuver is the flow over its arcs; ONE row bounds the risk. Once the
-maneuvers are whole, the flow is: a maneuver leads from a node to one node.
+Columns: the paper's one-hot maneuvers u[k, mode, lateral] and the flow f[e] over the arcs of the decision graph. One
+unit flows from now to the end of the horizon; each maneuver is the flow over its arcs; ONE row bounds the risk. Once
+the maneuvers are whole, the flow is: a maneuver leads from a node to one node.
 
-Bounds of the search leave out arcs that no cheapest plan can use. `reduced=False` keeps every arc, so that the two solvers
-share nothing but the graph and its weights.
+Bounds of the search leave out arcs that no cheapest plan can use. `reduced=False` keeps every arc, so that the two
+solvers share nothing but the graph and its weights.
 """
 
 from collections.abc import Iterator

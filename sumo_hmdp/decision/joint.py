@@ -1,4 +1,4 @@
-"""The joint decision: the cheapest plan whose risk is within epsilon, else the least bad one (docs/formulation.md, eq. 38)."""
+"""The joint decision: the cheapest plan whose risk is within epsilon, else the least bad one (eq. 38)."""
 
 import time
 from dataclasses import dataclass, field

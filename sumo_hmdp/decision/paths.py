@@ -1,8 +1,8 @@
 """Resource-constrained shortest paths: the cheapest plan whose risk is within epsilon (docs/formulation.md, eq. 38).
 
 Exact label setting: a label is the cost and the resource (the risk) of one way to a node, and only ways that no other
-dominates are followed. Three bounds on what follows a node, each a backward sweep over the graph, cut it short: the least
-cost, the least resource, and the least of cost + price * resource at the price of the Lagrangian dual.
+dominates are followed. Three bounds on what follows a node, each a backward sweep over the graph, cut it short: the
+least cost, the least resource, and the least of cost + price * resource at the price of the Lagrangian dual.
 
 The same functions find the least risk under a cap on the cost: cost and resource only exchange their places.
 """
@@ -137,8 +137,8 @@ class Dual(NamedTuple):
 def dual(graph: DecisionGraph, cost: Weights, resource: Weights, budget: float, bounds: Bounds) -> Dual | None:
     """Return the price at which the resource is worth its budget; None where no path keeps the budget.
 
-    The dual function is the lower envelope of a line for each path; its top is approached by the lines of two paths, one
-    within the budget and one beyond, whose crossing is the next price (Kelley's cutting planes in one variable).
+    The dual function is the lower envelope of a line for each path; its top is approached by the lines of two paths,
+    one within the budget and one beyond, whose crossing is the next price (Kelley's cutting planes in one variable).
     """
     free = _plan(_follow(graph, cost, bounds.cost), cost, resource) if np.isfinite(bounds.cost[0][0, 0]) else None
     if free is None or bounds.resource[0][0, 0] > budget:
@@ -303,8 +303,8 @@ def _undominated(node: IntArray, cost: FloatArray, resource: FloatArray) -> IntA
 def settle(graph: DecisionGraph, cost: Weights, resource: Weights, best: Plan, budget: float, bounds: Bounds) -> Plan:
     """Return the plan that is taken among those as cheap as the best one (docs/formulation.md, eq. 39).
 
-    Of plans whose costs differ by less than `COST_TIE` the one of least resource, where differences below `RISK_TIE` do not
-    count; among those the first in the order of maneuvers.
+    Of plans whose costs differ by less than `COST_TIE` the one of least resource, where differences below `RISK_TIE` do
+    not count; among those the first in the order of maneuvers.
 
     Args:
         graph: of the decision.

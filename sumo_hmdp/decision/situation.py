@@ -1,4 +1,4 @@
-"""The situation of a decision: what several functions derive from one problem, each made once, when it is first needed."""
+"""The situation of a decision: what several functions derive from one problem, made once, when needed."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,7 +37,7 @@ class Situation:
 
     @cached_property
     def branches(self) -> Branches:
-        """The likely branches of every vehicle; under `joint` they are only shown, and the decision uses every place."""
+        """The likely branches of every vehicle; under `joint` they are only shown."""
         return predict(self.problem.vehicles, self.problem.settings.prediction())
 
     @cached_property

@@ -19,7 +19,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
 from sumo_hmdp.prediction.dynamics import FloatArray, LateralGains, next_lateral
 from sumo_hmdp.prediction.lateral import centers_of, lateral_deviations, next_on_path, path_of
-from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct
+from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct, summed
 from sumo_hmdp.prediction.policy import Policy
 
 BoolArray = NDArray[np.bool_]
@@ -77,6 +77,17 @@ class _States(NamedTuple):
     variance: FloatArray
     probability: FloatArray
 
+    def at(self, rows: IntArray) -> "_States":
+        """Return some of the states."""
+        return _States(
+            self.vehicle[rows],
+            self.lane[rows],
+            self.y[rows],
+            self.speed[rows],
+            self.variance[rows],
+            self.probability[rows],
+        )
+
 
 def lanes_taken(
     vehicles: Sequence[PredictedVehicle], rules: LaneRules, footprints: Sequence[BoolArray]
@@ -100,8 +111,7 @@ def lanes_taken(
         moved, before = _expand(states, drivers)
         keys = (moved.vehicle, moved.lane, moved.y, moved.speed, moved.variance)
         first, merged = distinct(*keys)
-        states = _States(*(column[first] for column in moved))
-        states = states._replace(probability=np.bincount(merged, weights=moved.probability))
+        states = moved.at(first)._replace(probability=summed(merged, moved.probability, len(first)))
         after = _taken(states, drivers, k, footprint)
         # Rows come vehicle by vehicle, so the sums over a vehicle's rows are sums of neighbours.
         starts = np.searchsorted(moved.vehicle, np.arange(V))
@@ -114,8 +124,8 @@ def lanes_taken(
         )
         kept = states.probability >= LEAST_PLACE_PROBABILITY
         if not kept.all():
-            dropped += np.bincount(states.vehicle[~kept], weights=states.probability[~kept], minlength=V)
-            states = _States(*(column[kept] for column in states))
+            dropped += summed(states.vehicle[~kept], states.probability[~kept], V)
+            states = states.at(np.flatnonzero(kept))
             after = after[kept]
         taken = after
     return LaneForecast(tuple(steps), dropped)
@@ -131,7 +141,7 @@ def lateral_transitions(policy: Policy) -> FloatArray:
     table = np.array(policy.lateral, dtype=np.float64)
     table[0, 0] = table[-1, 2] = 0.0
     total = table.sum(axis=1, keepdims=True)
-    result = np.divide(table, total, out=np.zeros_like(table), where=total > 0)
+    result: FloatArray = np.divide(table, total, out=np.zeros_like(table), where=total > 0)
     result.flags.writeable = False
     return result
 
@@ -220,8 +230,8 @@ def _taken(states: _States, drivers: _Drivers, k: int, footprint: BoolArray) -> 
 def _blocks(footprint: BoolArray) -> list[tuple[IntArray, IntArray, IntArray]]:
     """Return the blocks of lanes side by side of some footprints: the n-th of all that have one, n after n.
 
-    A block is where a body is over any of its lanes: from the left edge of its first to the right edge of its last. Bodies
-    are narrower than lanes, so one that is over a block is over no other.
+    A block is where a body is over any of its lanes: from the left edge of its first to the right edge of its last.
+    Bodies are narrower than lanes, so one that is over a block is over no other.
 
     Returns:
         For each n the footprints, and the indices of the first and the last lane of their n-th block.

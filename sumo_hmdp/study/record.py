@@ -26,7 +26,8 @@ DECISION_COLUMNS = {
     "run_id": "str", "decision_index": "int64", "time_s": "float64", "status": "str", "reason": "str",
     "lateral": "str", "mode": "str", "lane": "int64", "accel_mps2": "float64", "objective": "float64",
     "violation_m": "float64", "stage_cost": "float64", "objective_bound": "float64", "shifted_feasible": "boolean",
-    "shifted_reason": "str", "risk_taken": "float64", "risk_least": "float64", "contact_risk": "float64", "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
+    "shifted_reason": "str", "risk_taken": "float64", "risk_least": "float64", "contact_risk": "float64",
+    "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
 }  # fmt: skip
