@@ -39,11 +39,13 @@ class EgoPlaces(NamedTuple):
     """Places of the ego at the end of one step.
 
     Attributes:
+        point: (E,) position [lattice units ahead of cruising].
         x: (E,) front bumper [m].
         speed: (E,) [m/s].
         hops: (G, 2) pairs of a place one step before and a place of this step.
     """
 
+    point: FloatArray
     x: FloatArray
     speed: FloatArray
     hops: IntArray
@@ -127,28 +129,31 @@ def in_reach(
 ) -> tuple[int, ...]:
     """Return the vehicles whose distance may matter to some plan: those that are not surely ahead, or surely behind.
 
-    Only an upper bound of the positions of the ego and of the vehicle is looked at, so that a vehicle out of reach
-    costs next to nothing.
+    Only bounds of the positions of the ego and of the vehicle are looked at, so that a vehicle out of reach costs next
+    to nothing.
     """
-    settings, found = problem.settings, []
+    if not vehicles:
+        return ()
+    settings, V = problem.settings, len(vehicles)
     H, T, accel = settings.horizon_steps, settings.period, settings.accel
     step = np.arange(1, H + 1)
-    ways = accel * (step * T) ** 2 / 2
+    x, speed, length = np.array([(v.state.x, v.state.speed, v.state.length) for v in vehicles]).T
     low, high = np.array([place.x.min() for place in ego]), np.array([place.x.max() for place in ego])
     fastest = max(float(place.speed.max()) for place in ego)
-    for index, vehicle in enumerate(vehicles):
-        state = vehicle.state
-        drift = state.x + state.speed * step * T
-        slack = FAR * _deviations(vehicle, T, H)
-        # Distances grow with the speeds under every rule.
-        most = clearance_to(
-            problem, np.array(state.length), np.array([state.speed + H * accel * T, 0.0]), np.zeros(2), fastest
-        )
-        ahead = (drift - np.minimum(ways, state.speed * step * T) - slack) > high + most.behind.max()
-        behind = (drift + ways + slack) < low - most.ahead.max()
-        if not (ahead.all() and state.x >= problem.ego.x) and not (behind.all() and state.x < problem.ego.x):
-            found.append(index)
-    return tuple(found)
+    drift, way = x[:, None] + speed[:, None] * step * T, accel * (step * T) ** 2 / 2
+    slack = FAR * np.array([_deviations(vehicle, T, H) for vehicle in vehicles])
+    # Distances grow with the speed of the vehicle behind, and fall with that of the one ahead.
+    others = np.stack([speed + H * accel * T, np.zeros(V)])
+    most = clearance_to(problem, length, others, np.zeros(1), fastest)
+    least = clearance_to(problem, length, others, np.zeros(1), 0.0)
+    to_follow, to_lead = (
+        np.broadcast_to(np.maximum(one, other), others.shape).max(axis=0)[:, None]
+        for one, other in ((most.behind, least.behind), (most.ahead, least.ahead))
+    )
+    ahead = drift - np.minimum(way, speed[:, None] * step * T) - slack > high + to_follow
+    behind = drift + way + slack < low - to_lead
+    surely = (ahead.all(axis=1) & (x >= problem.ego.x)) | (behind.all(axis=1) & (x < problem.ego.x))
+    return tuple(np.flatnonzero(~surely).tolist())
 
 
 def _groups(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> list[_Group]:
@@ -226,7 +231,15 @@ def _fill(
     apart = ego.x[:, None] - mean[:, None, :]
     ahead, behind = _distances(problem, group, ego, other_speed, distance)
     std = group.std[:, k, None, None]
-    sides = _sides(apart, ahead, behind, std)
+    between = ego.point[:, None] - places.point
+    if settings.distance_hangs_on_speed or not _whole(between):
+        sides = _sides(apart, ahead, behind, std)
+    else:
+        # On a common lattice few distances are different: each is looked at once, and taken where it occurs.
+        least, at = int(between.min()), (between - between.min()).astype(np.int64)
+        start = apart[:, 0, 0] + unit * (least - between[0, 0])
+        table = _sides((start[:, None] + unit * np.arange(int(at.max()) + 1))[:, None], ahead, behind, std)
+        sides = _Sides(*(each[:, 0].take(at, axis=1) for each in table))
     weight = places.place_probability
     into.short[group.rows] = sides.short @ weight
     old, new = ego.hops.T
@@ -240,6 +253,11 @@ def _fill(
     if into.missing is not None:
         into.missing[group.rows] = _missing(apart, ahead, behind, std) @ weight
     return sides
+
+
+def _whole(numbers: FloatArray) -> bool:
+    """Tell whether all numbers are whole."""
+    return bool((numbers == np.rint(numbers)).all())
 
 
 def _distances(

@@ -41,6 +41,8 @@ class MotionStep:
         starts: first arc of each motion of the step before that has any.
         leaving: those motions.
         out: (M of the step before, 3) arcs that leave each, -1 where there are fewer.
+        places: the distinct points.
+        hops: the distinct pairs of places.
     """
 
     mode: IntArray
@@ -52,6 +54,21 @@ class MotionStep:
     starts: IntArray
     leaving: IntArray
     out: IntArray
+    places: "Grouping"
+    hops: "Grouping"
+
+
+@dataclass(frozen=True, eq=False)
+class Grouping:
+    """Which of some things are alike.
+
+    Attributes:
+        first: (N,) the first of each group.
+        group: the group of each thing.
+    """
+
+    first: IntArray
+    group: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +184,15 @@ def _unlimited_motions(mode: Mode, steps: int) -> tuple[MotionStep, ...]:
 def _motions(lattice: EgoLattice, mode: Mode) -> tuple[MotionStep, ...]:
     zero = np.zeros(1, dtype=np.int64)
     front, steps = ModeTree(zero, np.array([int(mode)]), zero, zero, np.zeros(1)), []
+    place_before = zero
     for _ in range(lattice.steps):
         tree = extend_modes(lattice, front, _MODES)
         first, after = _merged(tree)
         before, order = np.sort(tree.parent, kind="stable"), np.argsort(tree.parent, kind="stable")
         leaving, starts = np.unique(before, return_index=True)
+        places = _grouped(np.round(tree.point[first] / _SAME))
+        hops = _grouped(place_before[before] * len(first) + places.group[after[order]])
+        place_before = places.group
         steps.append(
             MotionStep(
                 tree.mode[first],
@@ -183,10 +204,17 @@ def _motions(lattice: EgoLattice, mode: Mode) -> tuple[MotionStep, ...]:
                 starts,
                 leaving,
                 _leaving(before, len(front.mode)),
+                places,
+                hops,
             )
         )
         front = ModeTree(zero, tree.mode[first], tree.level[first], tree.phase[first], tree.point[first])
     return tuple(steps)
+
+
+def _grouped(keys: FloatArray | IntArray) -> Grouping:
+    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+    return Grouping(first, group.ravel())
 
 
 def _merged(tree: ModeTree) -> tuple[IntArray, IntArray]:
@@ -205,6 +233,7 @@ def speeds(lattice: EgoLattice, level: IntArray, phase: IntArray) -> FloatArray:
     return np.maximum(np.where(phase == 1, rested, moving), 0.0)
 
 
+@lru_cache(maxsize=1024)
 def _moves(before: LaneStep, after: LaneStep) -> MoveStep:
     source, target = np.nonzero(after.move)
     lateral = after.lane[target] - before.lane[source]

@@ -6,7 +6,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from sumo_hmdp.decision.encounters import Distance
 from sumo_hmdp.decision.flow_milp import cheapest_flow
 from sumo_hmdp.decision.graph import sequence_of
 from sumo_hmdp.decision.paths import (
@@ -203,7 +202,7 @@ def _sequence(risk: PlanRisk, plan: Plan, *, proven: bool) -> ManeuverSequence:
 
 def _taken(risk: PlanRisk, plan: Plan, least: float) -> RiskTaken:
     parts = risk.of_path(plan.path)
-    contact = float(risk.of_path(plan.path, Distance.CONTACT).sum()) + risk.dropped
+    contact = risk.contact_of_path(plan.path)
     names = tuple(risk.problem.vehicles[index].state.id for index in risk.vehicles)
     return RiskTaken(
         taken=min(1.0, float(parts.sum()) + risk.dropped),

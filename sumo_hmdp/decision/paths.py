@@ -286,6 +286,8 @@ def _undominated(node: IntArray, cost: FloatArray, resource: FloatArray) -> IntA
     ranked, least = node[order], resource[order]
     fresh = np.ones(len(order), dtype=bool)
     fresh[1:] = ranked[1:] != ranked[:-1]
+    if fresh.all():
+        return order
     # By node, then cost: a label counts if its resource is below those of all cheaper ones of its node. Labels of one
     # node are few, so the running minimum is taken in rounds over neighbours.
     starts = np.flatnonzero(fresh)

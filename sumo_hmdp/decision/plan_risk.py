@@ -6,8 +6,8 @@ and the one before, and the encounters of `decision/encounters.py`, the risk of 
     sum over i of max(0, L_ik(f) N_ik(w) + J_ik(f', f) (passes_ik(u, w) - again_ik(u, w)))
 
 (docs/formulation.md, eq. 37), and the risk of a plan is the sum over its arcs, plus the probability that the prediction
-dropped. By Hunter and Worsley's inequality that is at least the probability of the union, for steps that are independent
-given the places.
+dropped. By Hunter and Worsley's inequality that is at least the probability of the union, for steps that are
+independent given the places.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from sumo_hmdp.decision.encounters import (
     in_reach,
     place_count,
 )
-from sumo_hmdp.decision.graph import DecisionGraph, GraphStep, Path
+from sumo_hmdp.decision.graph import DecisionGraph, Grouping, Path
 from sumo_hmdp.decision.problem import DecisionProblem
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
@@ -34,6 +34,8 @@ from sumo_hmdp.prediction.lane_occupancy import LaneRules, LanesTaken, lanes_tak
 
 # What a change of sides costs in the order of relaxed plans, in metres that are missing: more than any distance.
 METRES_OF_PASSING = 100.0
+# A vehicle that adds less to the risk of a plan is not asked how much of that is contact.
+NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,19 +109,36 @@ class PlanRisk:
             found.append(np.where(np.isfinite(step.cost), of_pair[step.moves.pair] + beyond, np.inf))
         return tuple(found)
 
-    def of_path(self, path: Path, distance: Distance = Distance.SAFE) -> FloatArray:
+    def of_path(self, path: Path) -> FloatArray:
         """Return what each vehicle adds to the risk of a path at each step, (V, H) (docs/formulation.md, eq. 37)."""
+        parts = []
+        for step, index, taken, near, move, arc in zip(
+            self.graph.steps, self.index, self.taken, self.safe, path.moves, path.arcs, strict=True
+        ):
+            before, after = step.moves.footprints[step.moves.pair[move]]
+            place, hop = index.place[step.motions.after[arc]], index.hop[arc]
+            together = taken.both[:, before, after] * (near.passes[:, hop] - near.again[:, hop])
+            parts.append(np.maximum(taken.now[:, after] * near.short[:, place] + together, 0.0))
+        return np.stack(parts, axis=1)
+
+    def contact_of_path(self, path: Path) -> float:
+        """Return an upper bound of the probability that a path ends in contact, what was dropped included."""
+        # A vehicle whose distance never falls short is not touched either.
+        near = np.flatnonzero(self.of_path(path).sum(axis=1) > NEGLIGIBLE)
+        if not len(near):
+            return self.dropped
         places, footprints = [], []
         for step, move, arc in zip(self.graph.steps, path.moves, path.arcs, strict=True):
             motion = step.motions.after[[arc]]
-            places.append(EgoPlaces(step.x[motion], step.speed[motion], np.zeros((1, 2), dtype=np.int64)))
+            hops = np.zeros((1, 2), dtype=np.int64)
+            places.append(EgoPlaces(step.motions.point[motion], step.x[motion], step.speed[motion], hops))
             footprints.append(step.moves.footprints[step.moves.pair[move]])
-        near = encounters(self.problem, self._seen, places, distance)
-        parts = []
-        for (before, after), taken, here in zip(footprints, self.taken, near, strict=True):
-            together = taken.both[:, before, after] * (here.passes[:, 0] - here.again[:, 0])
-            parts.append(np.maximum(taken.now[:, after] * here.short[:, 0] + together, 0.0))
-        return np.stack(parts, axis=1)
+        met = encounters(self.problem, [self._seen[row] for row in near], places, Distance.CONTACT)
+        total = self.dropped
+        for (before, after), taken, here in zip(footprints, self.taken, met, strict=True):
+            together = taken.both[near, before, after] * (here.passes[:, 0] - here.again[:, 0])
+            total += float(np.maximum(taken.now[near, after] * here.short[:, 0] + together, 0.0).sum())
+        return total
 
     def _encounters(self, distance: Distance, *, missing: bool) -> tuple[StepEncounters, ...]:
         places = [index.places for index in self.index]
@@ -164,17 +183,11 @@ def _place_index(graph: DecisionGraph, *, by_speed: bool) -> tuple[PlaceIndex, .
     """List the distinct places of each step; where distances depend on the ego's speed, each motion is a place."""
     before, found = np.zeros(1, dtype=np.int64), []
     for step in graph.steps:
-        first, place = _distinct_places(step, by_speed=by_speed)
-        hops = np.stack([before[step.motions.before], place[step.motions.after]])
-        distinct, hop = np.unique(hops, axis=1, return_inverse=True)
-        found.append(PlaceIndex(EgoPlaces(step.x[first], step.speed[first], distinct.T), place, hop.ravel()))
-        before = place
+        motions = step.motions
+        places = Grouping(every := np.arange(len(step.x)), every) if by_speed else motions.places
+        hops = Grouping(every := np.arange(len(motions.after)), every) if by_speed else motions.hops
+        pairs = np.stack([before[motions.before[hops.first]], places.group[motions.after[hops.first]]], axis=1)
+        ego = EgoPlaces(motions.point[places.first], step.x[places.first], step.speed[places.first], pairs)
+        found.append(PlaceIndex(ego, places.group, hops.group))
+        before = places.group
     return tuple(found)
-
-
-def _distinct_places(step: GraphStep, *, by_speed: bool) -> tuple[IntArray, IntArray]:
-    if by_speed:
-        every = np.arange(len(step.x))
-        return every, every
-    _, first, place = np.unique(np.round(step.motions.point, 9), return_index=True, return_inverse=True)
-    return first, place.ravel()

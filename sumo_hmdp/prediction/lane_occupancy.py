@@ -22,6 +22,7 @@ from sumo_hmdp.prediction.lateral import centers_of, lateral_deviations, next_on
 from sumo_hmdp.prediction.places import LEAST_PLACE_PROBABILITY, distinct, summed
 from sumo_hmdp.prediction.policy import Policy
 
+_MOST_MICROMETRES = 4 * 10**12
 BoolArray = NDArray[np.bool_]
 
 
@@ -109,8 +110,7 @@ def lanes_taken(
     taken = _taken(states, drivers, 0, footprints[0])
     for k, footprint in enumerate(footprints[1:], start=1):
         moved, before = _expand(states, drivers)
-        keys = (moved.vehicle, moved.lane, moved.y, moved.speed, moved.variance)
-        first, merged = distinct(*keys)
+        first, merged = _merged(moved, rules)
         states = moved.at(first)._replace(probability=summed(merged, moved.probability, len(first)))
         after = _taken(states, drivers, k, footprint)
         # Rows come vehicle by vehicle, so the sums over a vehicle's rows are sums of neighbours.
@@ -129,6 +129,17 @@ def lanes_taken(
             after = after[kept]
         taken = after
     return LaneForecast(tuple(steps), dropped)
+
+
+def _merged(states: _States, rules: LaneRules) -> tuple[IntArray, IntArray]:
+    """Return the first of the states that are alike, vehicle by vehicle, and which of them each is."""
+    if rules.swept and rules.gains is not None:
+        return distinct(states.vehicle, states.lane, states.y, states.speed, states.variance)
+    # Micrometres across the road, lanes and vehicles in one number: sorting it is several times faster.
+    micrometres = np.rint(states.y * 1e6).astype(np.int64) + _MOST_MICROMETRES // 2
+    lanes = states.vehicle * (rules.road.lane_count + 1) + states.lane
+    _, first, group = np.unique(lanes * _MOST_MICROMETRES + micrometres, return_index=True, return_inverse=True)
+    return first, group.ravel()
 
 
 def _pairs(footprints: Sequence[BoolArray]) -> list[tuple[BoolArray, BoolArray]]:
