@@ -88,6 +88,11 @@ def put_change_probability(document: Document, value: float) -> None:
                 row["keep"] = 1.0 - row["left"] - row["right"]
 
 
+def put_lane_weight(document: Document, value: float) -> None:
+    """Set how much the ego of Case 2 prefers lane 2, to which the paper's returns; 0 is no preference."""
+    document["planners"]["hmdp_mpc"].update(lane_weight=value, goal_lane=2 if value else None)
+
+
 NOISE = Choice("noise [m2]", (0.001, 0.005, 0.02, 0.05, 0.1, 0.3, 0.6, 0.9), put_noise)
 RISK = Choice("risk level", (0.005, 0.01, 0.05, 0.1, 0.2, 0.3), planner_key("risk_level"))
 CASE1_CHOICES = (
@@ -104,12 +109,13 @@ CASE2_CHOICES = (
     Choice(
         "SV1's top speed [m/s]", (29.5, 30.0, 30.4, 30.8, 31.2, 31.6, 32.0, 33.0, 35.0), driver_key("speed_max_mps")
     ),
-    Choice("desired speed [m/s]", (28.5, 29.0, 29.5, 30.0, 30.5, 31.0), planner_key("desired_speed_mps")),
+    Choice("desired speed [m/s]", (29.0, 29.5, 30.0, 30.4, 30.8, 31.2), planner_key("desired_speed_mps")),
     Choice("speed weight [s/m]", (2.0, 2.5, 2.8, 3.1, 3.5, 4.0, 5.0), planner_key("speed_weight")),
     Choice("speed dead band [m/s]", (0.6, 0.7, 0.8, 1.0, 1.2), planner_key("speed_deadband_mps")),
     NOISE,
     RISK,
     Choice("lane-change time [s]", (4.0, 5.0, 6.0, 6.6, 7.0, 8.0), put_change_time),
+    Choice("weight of lane 2", (0.0, 0.3, 0.6, 1.0, 1.5, 2.0), put_lane_weight),
 )
 
 
@@ -121,7 +127,7 @@ KNOWN = {
 # What the scenarios have, for the choices that a known setting leaves as they are.
 OWN = {
     1: dict(zip((c.name for c in CASE1_CHOICES), (20.0, 3.0, 0.8, 0.02, 0.05, 0.1, 4.0), strict=True)),
-    2: dict(zip((c.name for c in CASE2_CHOICES), (2.5, 38.0, 32.0, 3.1, 0.6, 0.02, 0.05, 8.0), strict=True)),
+    2: dict(zip((c.name for c in CASE2_CHOICES), (2.5, 38.0, 32.0, 3.1, 0.6, 0.02, 0.05, 8.0, 0.0), strict=True)),
 }
 
 
