@@ -142,7 +142,8 @@ def forbidden(branches: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def plan(ego, time: float) -> list[dict[str, Any]]:
-    entries, x, speed, before = [], ego.x_m, ego.speed_mps, ego.intended_lane
+    # The lane that it intended before the decision.
+    entries, x, speed, before = [], ego.x_m, ego.speed_mps, lateral(time - DT, 2, EGO_CHANGES)[2]
     for k in range(1, HORIZON + 1):
         accel = ego_accel(time + (k - 1) * PERIOD)
         x += speed * PERIOD + accel * PERIOD**2 / 2
