@@ -62,7 +62,7 @@ def case1_instants(run: CaseRun) -> tuple[Instant, ...]:
 
 def case2_readings(run: CaseRun) -> dict[str, tuple[Instant, ...]]:
     """Return the six of Case 2 by both readings of the last two, which the text leaves open."""
-    accelerates, brakes = begins(run, Mode.ACCELERATE), begins(run, Mode.DECELERATE)
+    accelerates, brakes = begins_mode(run, Mode.ACCELERATE), begins_mode(run, Mode.DECELERATE)
     left = next((d for d in run.changes() if d.lateral is Lateral.LEFT), None)
     right = next((d for d in run.changes() if d.lateral is Lateral.RIGHT), None)
     change = left.time if left is not None else None
@@ -98,12 +98,6 @@ def case2_instants(run: CaseRun) -> tuple[Instant, ...]:
     )
 
 
-def case1_places(run: CaseRun) -> tuple[tuple[str, float, float], ...]:
-    """Return nothing: the paper gives no place of Case 1."""
-    del run
-    return ()
-
-
 def case2_places(run: CaseRun) -> tuple[tuple[str, float, float], ...]:
     """Return (name, ours, the paper's) of the places after 45 s [m]."""
     rows = (("EV", run.ego, PROPOSED_EV), ("SV1", run.motions["sv1"], PROPOSED_SV1))
@@ -116,7 +110,7 @@ def mode_changes(run: CaseRun) -> tuple[float, ...]:
     return tuple(d.time for previous, d in zip(before, run.decisions, strict=False) if d.mode is not previous)
 
 
-def begins(run: CaseRun, mode: Mode) -> tuple[float, ...]:
+def begins_mode(run: CaseRun, mode: Mode) -> tuple[float, ...]:
     """Return when the ego begins to be in a mode [s]."""
     changes = mode_changes(run)
     return tuple(d.time for d in run.decisions if d.mode is mode and d.time in changes)
