@@ -12,16 +12,14 @@ from sumo_hmdp.report.case3_figures import lane_change_by_risk, threshold_snapsh
 from sumo_hmdp.report.case_animation import animation_times, write_animation, write_still
 from sumo_hmdp.report.case_data import CaseRun, case_run
 from sumo_hmdp.report.case_histories import action_history, ego_trajectories, speed_profiles, trajectories
+from sumo_hmdp.report.case_instants import CASE1_DECISIONS, CASE1_SNAPSHOTS, CASE2_SNAPSHOTS
 from sumo_hmdp.report.case_road import RoadView, write_figure
 from sumo_hmdp.report.case_snapshots import branch_snapshots, strip_snapshots
 from sumo_hmdp.report.reproduction import PaperRuns, render_reproduction
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.run import execute, versions
 
-# The instants of the paper's snapshots [s], and those of Case 1's decisions, one control step of 0.2 s before.
-CASE1_TIMES = (12.2, 21.0, 23.4, 29.8, 30.6, 41.0)
-CASE1_DECISIONS = (12.0, 20.8, 23.2, 29.6, 30.4, 40.8)
-CASE2_TIMES = (0.00, 5.85, 12.45, 14.85, 29.25, 36.15)
+# The instants of the paper's snapshots of the rules, and of Case 3 [s].
 RULE_TIMES = (0.00, 5.85, 7.80, 12.45, 18.00, 29.25)
 CASE3_TIMES = (0.0, 1.0, 2.0, 3.0, 4.0)
 # The paper compares five risk levels and does not name them.
@@ -48,11 +46,11 @@ def draw(runs: PaperRuns, folder: Path) -> None:
     case2_title = "Case 2: likelier modes are darker, at the paper's instants"
     rule_title = "Case 2, rule-based planner, at the paper's instants"
     figures = {
-        "case1_snapshots": branch_snapshots(runs.case1, CASE1_TIMES, CASE1_VIEW),
+        "case1_snapshots": branch_snapshots(runs.case1, CASE1_SNAPSHOTS, CASE1_VIEW),
         "case1_actions": action_history(runs.case1, CASE1_DECISIONS),
         "case1_trajectory": trajectories(runs.case1, 10.0),
-        "case2_snapshots": strip_snapshots(runs.case2, CASE2_TIMES, CASE2_VIEW, case2_title),
-        "case2_velocity": speed_profiles(runs.case2, runs.rule_based, CASE2_TIMES, RULE_TIMES),
+        "case2_snapshots": strip_snapshots(runs.case2, CASE2_SNAPSHOTS, CASE2_VIEW, case2_title),
+        "case2_velocity": speed_profiles(runs.case2, runs.rule_based, CASE2_SNAPSHOTS, RULE_TIMES),
         "case2_trajectory": ego_trajectories(runs.case2, runs.rule_based, 1.5),
         "case2_rule_based_snapshots": strip_snapshots(runs.rule_based, RULE_TIMES, CASE2_VIEW, rule_title),
         "case3_thresholds": threshold_snapshots(runs.case3, CASE3_TIMES),
@@ -74,8 +72,10 @@ def main() -> None:
     runs = PaperRuns(
         case1=run("case1"),
         case1_literal=run("case1_literal"),
+        case1_fitted=run("case1_fitted"),
         case2=run("case2"),
         case2_literal=run("case2_literal"),
+        case2_fitted=run("case2_fitted"),
         rule_based=run("case2_rule_based"),
         case3=[levels[level] for level in RISK_LEVELS],
         case3_more=list(levels.values()),

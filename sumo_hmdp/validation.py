@@ -54,8 +54,9 @@ def _problems(error: ValidationError, model: type[BaseModel], content: object) -
         location, kind = mistake["loc"], mistake["type"]
         path = path_text(_in_file(location, content, missing=kind == "missing"))
         if kind == "extra_forbidden":
+            moved = getattr(model, "moved", {}).get(location[-1]) if len(location) == 1 else None
             hint = f"did you mean `{hints[location]}`?" if location in hints else "remove it"
-            yield Problem(path, f"unknown key; {hint}")
+            yield Problem(path, moved or f"unknown key; {hint}")
         elif kind == "missing":
             if location in missing:
                 yield Problem(path, "is missing; add it")

@@ -2,22 +2,30 @@
 
 import math
 import time
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from pydantic import Field
 
-from sumo_hmdp.decision.idm import Idm
-from sumo_hmdp.decision.mobil import Goal, Mobil, follow_in_lane, leader_in_lane
+from sumo_hmdp.decision.lane_rules import Goal, LaneRules, Seen, merging_room, see
 from sumo_hmdp.decision.problem_schema import NonNegative, Number, Positive
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import body_lanes
-from sumo_hmdp.domain.plan import Command, Decision, Status
+from sumo_hmdp.domain.plan import Command, Decision, Note, Status
 from sumo_hmdp.domain.scene import Scene
+from sumo_hmdp.traffic.drivers import HIGHWAY_CLASSES
+from sumo_hmdp.traffic.incentive import Weighed
+from sumo_hmdp.traffic.lane_change import LaneChangeRule
+from sumo_hmdp.traffic.spawn import IdmParameters
 from sumo_hmdp.validation import FileModel
 
 # A rule has no modes: an acceleration below this is recorded as cruising, and nothing depends on it [m/s2].
 CRUISE_ACCEL = 0.5
+# Slower than this nobody begins a change that has room for its body: it would stand across two lanes [m/s].
+LEAST_SPEED = 3.0
+# The ego's defaults are those of the mean car of the traffic.
+_CAR, _RULE = HIGHWAY_CLASSES[0], LaneChangeRule()
 
 
 class GoalFile(FileModel):
@@ -37,60 +45,47 @@ class GoalFile(FileModel):
 
 
 class IdmMobilFile(FileModel):
-    """The keys of `idm_mobil` in a scenario; the defaults are those of the published rule-based baseline.
+    """The keys of `idm_mobil` in a scenario; the defaults are those of the mean car of the highway's traffic."""
 
-    `occupancy: swept` and `goal` are extensions, for roads with junctions and routes. As published a vehicle in a lane
-    change counts in its target lane only, the ego for itself too, and nobody has a route.
-    """
+    # Keys that the planner of this name had while it was the published code.
+    moved: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("decel_max_mps2", "lateral_period_s", "leader_range_m"),
+        "is a key of `idm_mobil_published`, the published rules; remove it, or name that planner",
+    ) | {"occupancy": "is no choice any more: the body always counts; remove it"}
 
-    desired_speed_mps: Positive = 30.0
-    min_gap_m: NonNegative = 2.0
-    time_gap_s: NonNegative = 1.5
-    accel_mps2: Positive = 8.0
-    decel_mps2: Positive = 4.0
-    exponent: Positive = 6.0
-    decel_max_mps2: Positive = 5.0
-    lateral_period_s: Positive = 0.6
-    politeness: NonNegative = 0.3
-    threshold_mps2: NonNegative = 0.10
-    safe_decel_mps2: Positive = 3.0
-    leader_range_m: NonNegative = 95.0
+    desired_speed_mps: Positive = _CAR.desired_speed.mean
+    min_gap_m: NonNegative = _CAR.min_gap
+    time_gap_s: NonNegative = _CAR.time_gap.mean
+    accel_mps2: Positive = _CAR.accel
+    decel_mps2: Positive = _CAR.decel
+    exponent: Positive = _CAR.exponent
+    politeness: NonNegative = _CAR.politeness.mean
+    threshold_mps2: NonNegative = _RULE.threshold
+    safe_decel_mps2: Positive = _RULE.safe_decel
+    least_gap_m: NonNegative = _RULE.least_gap
+    interval_s: NonNegative = 4.0
     forbidden_lanes: list[int] = Field(default_factory=list)
-    occupancy: Literal["target", "swept"] = "target"
     goal: GoalFile | None = None
 
-    def idm(self) -> Idm:
-        """Return the car-following model."""
-        return Idm(
+    def rules(self) -> LaneRules:
+        """Return how it follows and chooses lanes."""
+        return LaneRules(
+            idm=IdmParameters(self.min_gap_m, self.time_gap_s, self.accel_mps2, self.decel_mps2, self.exponent),
             desired_speed=self.desired_speed_mps,
-            min_gap=self.min_gap_m,
-            time_gap=self.time_gap_s,
-            accel=self.accel_mps2,
-            decel=self.decel_mps2,
-            exponent=self.exponent,
-            decel_max=self.decel_max_mps2,
-        )
-
-    def mobil(self) -> Mobil:
-        """Return the lane-change model."""
-        goal = None if self.goal is None else self.goal.goal(self.desired_speed_mps)
-        return Mobil(
             politeness=self.politeness,
-            threshold=self.threshold_mps2,
-            safe_decel=self.safe_decel_mps2,
-            leader_range=self.leader_range_m,
+            rule=LaneChangeRule(
+                threshold=self.threshold_mps2, safe_decel=self.safe_decel_mps2, least_gap=self.least_gap_m
+            ),
             forbidden_lanes=frozenset(self.forbidden_lanes),
-            goal=goal,
-            swept=self.occupancy == "swept",
         )
 
 
 @dataclass(frozen=True)
 class LaneChangeMemory:
-    """What the rule-based planner remembers.
+    """What a rule-based planner remembers.
 
     Attributes:
-        free_from: the first step in which its latest lane change is over.
+        free_from: step from which on it may begin a lane change.
     """
 
     free_from: int = 0
@@ -98,30 +93,25 @@ class LaneChangeMemory:
 
 @dataclass(frozen=True)
 class IdmMobilPlanner:
-    """The published rule-based baseline: IDM along the road, MOBIL across it (docs/formulation.md, section 13).
+    """IDM along the road and MOBIL across it, by the code and the parameters of the traffic.
 
-    The published loop names a step by its end: what it does "at 6.0 s" it decides from everybody's state at
-    5.85 s. So a lane change may begin in every step that ENDS at a multiple of the lateral period, and no
-    earlier than 0.6 s; the decision is recorded at the beginning of that step, and 6.0 s is the first instant
-    at which the ego is off its lane's centre. All vehicles react to the state at the beginning of a step and
-    then move at once. A change lasts for the first whole number of steps that covers its time (54 steps, 8.1 s,
-    for 8 s), during which the next one is not considered. From the very step in which it begins, the ego
-    counts in its target lane only, for itself and for those behind it.
+    It keeps behind the leaders of all lanes that it intends or its body is over, and brakes as hard as the traffic may.
+    A change has to be safe for the new follower and for the ego itself, and to have room for its body.
 
     Attributes:
-        dt: control step, and the time between two decisions along the road [s].
+        dt: control step, and the time between two decisions [s].
         lane_change_time: of the ego [s].
-        lateral_period: time between two decisions across the road [s], a multiple of dt.
-        idm: how it, and in its mind everybody, follows a leader.
-        mobil: when it changes lanes.
+        rules: how it follows and chooses lanes.
+        goal: the lane that its route needs, None for no route.
+        interval: least time from the end of a change to the next one [s].
         name: as in the registry.
     """
 
     dt: float
     lane_change_time: float
-    lateral_period: float = 0.6
-    idm: Idm = field(default_factory=Idm)
-    mobil: Mobil = field(default_factory=Mobil)
+    rules: LaneRules
+    goal: Goal | None = None
+    interval: float = 4.0
     name: str = "idm_mobil"
 
     @property
@@ -141,27 +131,68 @@ class IdmMobilPlanner:
             memory: from the step before.
         """
         started = time.perf_counter()
-        step = round(scene.time / self.dt)
+        step, ego = round(scene.time / self.dt), scene.ego
+        seen = see(scene, self.rules)
+        accels = seen.accels()
+        over = {ego.lane, *body_lanes(scene.road, ego.y, ego.width)}
+        notes: dict[str, Note] = {f"lane_{lane}_accel_mps2": float(accels[lane - 1]) for lane in sorted(over)}
         lateral = Lateral.KEEP
-        if step >= memory.free_from and self._ends_a_lateral_period(step):
-            lateral = self.mobil.choose(scene, scene.ego, self.idm)
+        if step >= memory.free_from and over == {ego.lane}:
+            lateral, told = self._choose(scene, seen)
+            notes |= told
+        else:
+            notes["lane_change"] = "under way" if len(over) > 1 else "just made: no other yet"
         if lateral is not Lateral.KEEP:
-            # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
-            memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
-        lane = scene.ego.lane + lateral
-        accel = min(follow_in_lane(scene, scene.ego, lane, self.idm), self._behind_others(scene))
-        decision = rule_decision(scene, Command(lane, accel), lateral)
-        return replace(decision, solve_time=time.perf_counter() - started), memory
+            memory = LaneChangeMemory(step + steps_of(self.lane_change_time + self.interval, self.dt))
+        accel = min(float(accels[lane - 1]) for lane in {*over, ego.lane + lateral})
+        decision = rule_decision(scene, Command(ego.lane + lateral, accel), lateral)
+        return replace(decision, notes=notes, solve_time=time.perf_counter() - started), memory
 
-    def _behind_others(self, scene: Scene) -> float:
-        """Return the acceleration behind the leaders of all lanes that the ego's body is over [m/s2]."""
-        if not self.mobil.swept:
-            return math.inf
-        over = body_lanes(scene.road, scene.ego.y, scene.ego.width)
-        return min(self.idm.follow(scene.ego, leader_in_lane(scene, scene.ego, lane)) for lane in over)
+    def _choose(self, scene: Scene, seen: Seen) -> tuple[Lateral, dict[str, Note]]:
+        """Return the safe change with the largest incentive above the threshold, and what speaks for and against each.
 
-    def _ends_a_lateral_period(self, step: int) -> bool:
-        return (step + 1) % round(self.lateral_period / self.dt) == 0
+        The left one is taken where both are equal.
+        """
+        ego, rule = scene.ego, self.rules.rule
+        sides = [side for side in (Lateral.LEFT, Lateral.RIGHT) if scene.road.has_lane(ego.lane + side)]
+        lanes = [ego.lane + side for side in sides]
+        weighed = seen.changes(lanes)
+        best, most = Lateral.KEEP, rule.threshold
+        notes: dict[str, Note] = {}
+        for i, (side, lane) in enumerate(zip(sides, lanes, strict=True)):
+            incentive = float(weighed.incentive[i])
+            if self.goal is not None:
+                incentive += self.goal.pull(ego, lane)
+            against = self._against(scene, weighed, i, lane)
+            notes[f"lane_{lane}_accel_mps2"] = float(weighed.go[i])
+            notes[f"lane_{lane}_incentive_mps2"] = incentive
+            notes[f"lane_{lane}_safe"] = f"no: {against}" if against else "yes"
+            if not against and incentive > most:
+                best, most = side, incentive
+        return best, notes
+
+    def _against(self, scene: Scene, weighed: Weighed, i: int, lane: int) -> str:
+        """Return why the ego may not change into a lane, empty where it may.
+
+        The bound on its own braking has no exception, unlike the traffic's for who brakes as hard already: two
+        accelerations that are clipped alike would hide any danger.
+        """
+        rule, speed = self.rules.rule, scene.ego.speed
+        ahead, behind = float(weighed.gap_ahead[i]), float(weighed.gap_behind[i])
+        room = merging_room(scene) if speed < LEAST_SPEED else -math.inf
+        reasons = (
+            (lane in self.rules.forbidden_lanes, "the lane is forbidden"),
+            (room is None or ahead < room, f"too slow to begin a change ({speed:.1f} m/s)"),
+            (min(ahead, behind) < 0.0, "no room, somebody is beside it"),
+            (ahead < rule.least_gap, f"{ahead:.1f} m of room ahead"),
+            (behind < rule.least_gap, f"{behind:.1f} m of room behind"),
+            (
+                weighed.new_follower[i] < -rule.safe_decel,
+                f"the follower would have to brake with {-weighed.new_follower[i]:.1f} m/s2",
+            ),
+            (weighed.go[i] < -rule.safe_decel, f"it would have to brake with {-weighed.go[i]:.1f} m/s2 itself"),
+        )
+        return next((reason for holds, reason in reasons if holds), "")
 
 
 class ConstantFile(FileModel):
@@ -202,3 +233,9 @@ def rule_decision(scene: Scene, command: Command, lateral: Lateral) -> Decision:
     return Decision(
         time=scene.time, status=Status.RULE, command=command, lateral=lateral, mode=mode, violation=None, solver="rule"
     )
+
+
+def steps_of(duration: float, dt: float) -> int:
+    """Return how many steps of dt a duration takes [s], the last one whole."""
+    # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
+    return math.ceil(duration / dt - 1e-6)

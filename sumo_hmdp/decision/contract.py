@@ -37,3 +37,8 @@ def require_decision(decision: object, road: Road) -> None:
         raise PlannerError(f"command.lane must be 1..{road.lane_count}, got {lane} (at {decision.time:g} s)")
     if not math.isfinite(accel):
         raise PlannerError(f"command.accel must be a finite number, got {accel} m/s2 (at {decision.time:g} s)")
+    for name, value in decision.notes.items():
+        finite = isinstance(value, int | float) and math.isfinite(value)
+        if not isinstance(name, str) or not (finite or isinstance(value, str)):
+            what = "notes must map names to finite numbers, true or false, or text"
+            raise PlannerError(f"{what}, got {name!r}: {value!r} (at {decision.time:g} s)")

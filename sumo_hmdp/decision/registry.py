@@ -10,6 +10,7 @@ from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobil
 from sumo_hmdp.decision.names import offered
 from sumo_hmdp.decision.planner import Belief, HmdpPlanner
 from sumo_hmdp.decision.problem_schema import PlannerFile
+from sumo_hmdp.decision.published_rules import PublishedFile, PublishedPlanner
 from sumo_hmdp.decision.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
@@ -63,6 +64,8 @@ class PlannerKind:
         parameters: what its section in a scenario may hold.
         build: makes the planner.
         sumo_driver: says how SUMO drives the ego, for a planner that leaves it to SUMO; None where its commands do.
+        version: raised when the same parameters lead to other decisions, so that a study that is resumed runs its cells
+            again instead of mixing old runs with new ones.
     """
 
     name: str
@@ -70,6 +73,7 @@ class PlannerKind:
     parameters: type[FileModel]
     build: Callable[[Any, PlannerContext], Planner[Any]]
     sumo_driver: Callable[[Any, PlannerContext], SumoDriver] | None = None
+    version: int = 1
 
 
 def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlanner:
@@ -92,20 +96,41 @@ HMDP_MPC = PlannerKind(
 
 
 def _build_idm_mobil(parameters: IdmMobilFile, context: PlannerContext) -> IdmMobilPlanner:
+    goal = parameters.goal
     return IdmMobilPlanner(
         dt=context.dt,
         lane_change_time=context.lane_change_time,
-        lateral_period=parameters.lateral_period_s,
-        idm=parameters.idm(),
-        mobil=parameters.mobil(),
+        rules=parameters.rules(),
+        goal=None if goal is None else goal.goal(parameters.desired_speed_mps),
+        interval=parameters.interval_s,
     )
 
 
+# Version 1 of this name was the published code, which is `idm_mobil_published` now.
 IDM_MOBIL = PlannerKind(
     "idm_mobil",
-    "the published rule-based baseline: IDM along the road, MOBIL across it",
+    "rules: IDM along the road and MOBIL across it, by the traffic's own code and parameters",
     IdmMobilFile,
     _build_idm_mobil,
+    version=2,
+)
+
+
+def _build_published(parameters: PublishedFile, context: PlannerContext) -> PublishedPlanner:
+    return PublishedPlanner(
+        dt=context.dt,
+        lane_change_time=context.lane_change_time,
+        lateral_period=parameters.lateral_period_s,
+        leader_range=parameters.leader_range_m,
+        rules=parameters.rules(),
+    )
+
+
+PUBLISHED = PlannerKind(
+    "idm_mobil_published",
+    "the rule-based baseline published with the paper, for its Case 2",
+    PublishedFile,
+    _build_published,
 )
 
 
@@ -129,7 +154,7 @@ def _sumo_driver(parameters: SumoFile, context: PlannerContext) -> SumoDriver:
 SUMO = PlannerKind(
     "sumo", "SUMO drives the ego: its IDM along the road, its LC2013 across it", SumoFile, _build_sumo, _sumo_driver
 )
-BUILT_IN = (HMDP_MPC, IDM_MOBIL, CONSTANT, SUMO)
+BUILT_IN = (HMDP_MPC, IDM_MOBIL, PUBLISHED, CONSTANT, SUMO)
 
 
 def planner_kinds() -> dict[str, PlannerKind]:

@@ -1,7 +1,9 @@
 """What a planner answers: the maneuver to carry out now, the plan behind it, and why."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Protocol, TypeVar, runtime_checkable
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -150,6 +152,10 @@ class Command:
     accel: float
 
 
+# A number, yes or no, or words.
+Note = float | str | bool
+
+
 @dataclass(frozen=True)
 class Decision:
     """One answer of a planner.
@@ -178,6 +184,8 @@ class Decision:
         risk_least: the same of the least risky plan.
         contact_risk: upper bound of the probability that the plan ends in contact.
         evidence: what else can be shown of it, worked out only when asked for; None for planners that have none.
+        notes: what the planner says of why it decided so, by names that end in their unit; shown, and nothing depends
+            on it. Kept as a copy that cannot be changed.
     """
 
     time: float
@@ -202,6 +210,11 @@ class Decision:
     risk_least: float | None = None
     contact_risk: float | None = None
     evidence: "Evidence | None" = None
+    notes: Mapping[str, Note] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        """Freeze the notes: a planner may go on with the mapping that it made."""
+        object.__setattr__(self, "notes", MappingProxyType(dict(self.notes)))
 
 
 class Evidence(Protocol):

@@ -2,22 +2,23 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.report.case_claims import Row, changes_told, distance_row, number, statement, told
 from sumo_hmdp.report.case_data import CaseRun, Motion
+from sumo_hmdp.report.case_instants import DISTANCES_AT, PROPOSED_EV, PROPOSED_SV1, begins_mode
 from sumo_hmdp.report.case_numbers import (
     ARRIVED,
     arrives_at,
     hardest_decel,
     lane_at,
     mean_speed,
-    mode_begins,
     overtakes_at,
 )
 
-# When the paper gives distances [s], and what it says that EV and SV1 cover [m].
-DISTANCES_AT = 45.0
-PROPOSED_EV, PROPOSED_SV1, RULES_EV, RULES_SV1 = 1400.0, 1300.0, 1250.0, 1150.0
+# What the paper says that EV and SV1 cover under the rules [m].
+RULES_EV, RULES_SV1 = 1250.0, 1150.0
 # What the published code of the rules gives instead [m].
 PUBLISHED_EV, PUBLISHED_SV1 = 1375.3, 1323.8
 # From when SV1 may be faster, in the paper [s].
@@ -33,25 +34,25 @@ def case2_rows(run: CaseRun, literal: CaseRun) -> Iterator[Row]:
         literal: the same with the paper's cost alone.
     """
     ego, sv2 = run.ego, run.motions["sv2"]
-    accelerates, brakes = mode_begins(run, Mode.ACCELERATE), mode_begins(run, Mode.DECELERATE)
+    accelerates, brakes = begins_mode(run, Mode.ACCELERATE), begins_mode(run, Mode.DECELERATE)
     left = next((d for d in run.changes() if d.lateral is Lateral.LEFT), None)
     right = next((d for d in run.changes() if d.lateral is Lateral.RIGHT), None)
     begins, arrives = (left.time, arrives_at(run, left)) if left is not None else (None, None)
     second = next((time for time in accelerates if begins is not None and time > begins), None)
-    first = accelerates[0] if accelerates else None
-    yield number("The EV first accelerates, snapshot (a)", first, "s", paper=0.0, digits=2)
-    grid = f"Decisions fall on multiples of {run.period:g} s; the snapshot is one control step before one."
-    yield number("It begins the lane change, snapshot (b)", begins, "s", paper=5.85, digits=2, why=grid)
-    closes = "SV1 closes in during the change and the EV accelerates again, snapshot (c)"
-    open_driver = "When SV1 comes within the safe distance hangs on how it drives, which is open in the text."
-    yield number(closes, second, "s", paper=12.45, digits=2, why=open_driver)
+    yield statement(
+        "The EV accelerates at first and then changes to lane 1",
+        f"accelerates at {told(accelerates[0] if accelerates else None, 2)} s, changes lanes at {told(begins, 2)} s",
+        holds=bool(accelerates) and begins is not None and accelerates[0] < begins,
+    )
     early = second is not None and arrives is not None and second < arrives
     yield statement(
-        "That is before the change is completed",
+        "SV1 closes in during the change and the EV accelerates again before it is completed",
         f"second acceleration at {told(second, 2)} s; within {100 * ARRIVED:g} cm of the lane's centre at "
         f"{told(arrives, 2)} s",
         holds=early,
-        why="" if early else "As above; the time of a lane change is open too.",
+        why=""
+        if early
+        else "When SV1 comes too near hangs on how it drives; that, and the time of a lane change, is open.",
     )
     passed, slower = overtakes_at(ego, sv2), brakes[0] if brakes else None
     yield statement(
@@ -60,13 +61,11 @@ def case2_rows(run: CaseRun, literal: CaseRun) -> Iterator[Row]:
         holds=passed is not None and slower is not None and passed < slower,
     )
     cap = run.vehicle_file("sv1")["driver"]["speed_max_mps"]
-    yield number(
-        "SV1 approaches from behind and the EV returns to lane 2, snapshot (e)",
-        right.time if right is not None else None,
-        "s",
-        paper=29.25,
-        digits=2,
-        why=f"Our SV1 drives up to {cap:g} m/s, as in the published code of the rules, so it is there earlier.",
+    yield statement(
+        "SV1 approaches from behind and the EV returns to lane 2",
+        f"it begins to return at {told(right.time if right is not None else None, 2)} s",
+        holds=right is not None,
+        why=f"When it does hangs on SV1: ours drives up to {cap:g} m/s, as in the published code of the rules.",
     )
     yield distance_row(run, "It keeps sufficient safety margins")
     yield from _distances(run, cap)
@@ -88,8 +87,8 @@ def _distances(run: CaseRun, cap: float) -> Iterator[Row]:
     passes = overtakes_at(sv1, run.ego)
     wanted = f"The speed that the paper's EV wants is open; ours wants {desired:g} m/s, within {deadband:g} m/s."
     slow = (
-        f"The paper's SV1 drives {told(paper_speed)} m/s on average after {FASTER_FROM:g} s, too slow to catch up with "
-        f"its EV, which then has no reason to return to lane 2. Ours gets to {cap:g} m/s and is "
+        f"The paper's SV1 drives {told(paper_speed)} m/s on average after {FASTER_FROM:g} s; how is open. Ours gets to "
+        f"{cap:g} m/s, as in the published code of the rules, and is "
         f"{'never ahead of the ego' if passes is None else f'ahead of the ego from {told(passes, 2)} s on'}."
     )
     rows = (("EV", run.ego, PROPOSED_EV, wanted), ("SV1", sv1, PROPOSED_SV1, slow))
@@ -120,10 +119,13 @@ def rule_rows(run: CaseRun, proposed: CaseRun) -> Iterator[Row]:
     decided = next((decision.time for decision in run.changes()), None)
     off = next((float(t) for t, y in zip(ego.times, ego.y, strict=True) if y != run.center_y(2)), None)
     there = next((float(t) for t, y in zip(ego.times, ego.y, strict=True) if y == run.center_y(1)), None)
-    faster = next((float(t) for t, v in zip(sv1.times, sv1.speed, strict=True) if v > sv1.speed[0]), None)
+    changed = np.flatnonzero(sv1.speed != sv1.speed[0])
+    before = float(sv1.times[changed[0] - 1]) if len(changed) else None
+    speed_then = float(sv1.speed[sv1.index(FASTER_FROM)])
     yield number("The EV begins its lane change: decided", decided, "s", paper=5.85, digits=2)
     yield number("The same: first instant off the centre of lane 2", off, "s", published=6.0, digits=2)
-    yield number("SV1 has begun to accelerate", faster, "s", paper=FASTER_FROM, digits=2)
+    yield number("SV1 begins to accelerate: last instant at its first speed", before, "s", paper=FASTER_FROM, digits=2)
+    yield number("The same: its speed then", speed_then, SPEED, published=25.0)
     yield number("The lane change is complete", there, "s", published=13.95, digits=2)
     yield number("Peak speed of SV1", float(sv1.speed.max()), SPEED, published=36.25, digits=2)
     yield number("SV1 has to brake abruptly: hardest braking", hardest_decel(sv1), ACCEL, published=3.0)

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.report.case_data import CaseBranch, CaseDecision, CaseRun, Motion
 
@@ -67,16 +66,6 @@ def _least_distance(run: CaseRun, moments: Iterable[tuple[float, int]]) -> float
             if vehicle_id != EGO_ID and at < len(motion.times) and lane_at(run, motion, time) == lane:
                 least = min(least, abs(float(motion.x[at] - ego.x[at])))
     return float(least)
-
-
-def mode_begins(run: CaseRun, mode: Mode) -> tuple[float, ...]:
-    """Return when the ego begins to be in a mode [s]."""
-    before = [Mode.CRUISE, *(decision.mode for decision in run.decisions)]
-    return tuple(
-        decision.time
-        for previous, decision in zip(before, run.decisions, strict=False)
-        if decision.mode is mode is not previous
-    )
 
 
 def worst_joint_probability(run: CaseRun, seed: int = 0) -> float:

@@ -5,12 +5,9 @@ from itertools import pairwise
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.report.case3_figures import moment, never_earlier, place
-from sumo_hmdp.report.case_claims import Row, changes_told, distance_row, number, statement, told
+from sumo_hmdp.report.case_claims import Row, changes_told, distance_row, statement, told
 from sumo_hmdp.report.case_data import CaseDecision, CaseRun
 from sumo_hmdp.report.case_numbers import arrives_at, lane_at, overtakes_at, worst_joint_probability
-
-# When the paper's decisions of its snapshots (d) and (e) fall, one control step of 0.2 s before them [s].
-RETURNS = (("d", 29.6), ("e", 30.4))
 
 
 def case1_rows(run: CaseRun, literal: CaseRun) -> Iterator[Row]:
@@ -52,14 +49,6 @@ def case1_rows(run: CaseRun, literal: CaseRun) -> Iterator[Row]:
         f"lane {last.lane}, {last.mode.label}, {told(float(ego.speed[-1]))} m/s at the end",
         holds=last.lane == 1 and last.mode is Mode.CRUISE,
     )
-    returns = [d.time for d in run.changes() if d.lateral is Lateral.LEFT and out is not None and d.time >= out]
-    for index, (label, instant) in enumerate(RETURNS):
-        yield number(
-            f"Decision one control step before snapshot ({label}); ours: lane change {index + 1} of the return",
-            returns[index] if index < len(returns) else None,
-            "s",
-            paper=instant,
-        )
     yield distance_row(run, "It keeps safe distances")
     ends = [float(literal.motions[name].x[-1]) for name in ("sv1", "sv2")]
     stalls = float(literal.ego.x[-1]) < min(ends)

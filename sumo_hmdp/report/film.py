@@ -13,6 +13,7 @@ from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.trace import BoolArray, FloatArray, Motion, Trace, trace_of
 from sumo_hmdp.report.replay_data import decision_records
 from sumo_hmdp.report.replay_events import conflicts
+from sumo_hmdp.report.replay_summary import lane_changes
 from sumo_hmdp.report.video_file import FilmFormat
 
 if TYPE_CHECKING:
@@ -148,15 +149,13 @@ def film_of(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "pd.D
         lane_width=float(manifest["lanes"]["width_m"]),
         trace=trace,
         decisions=records,
-        marks=tuple(sorted([*_lane_changes(trace), *_statuses(records), *_conflicts(steps)])),
+        marks=tuple(sorted([*_lane_changes(records), *_statuses(records), *_conflicts(steps)])),
         made=made,
     )
 
 
-def _lane_changes(trace: Trace) -> Iterator[tuple[float, str]]:
-    lane = trace.ego.lane[:, 0]
-    for index in (np.flatnonzero(np.diff(lane) != 0) + 1).tolist():
-        yield float(trace.time[index]), "left" if lane[index] < lane[index - 1] else "right"
+def _lane_changes(records: tuple[Mapping[str, Any], ...]) -> Iterator[tuple[float, str]]:
+    return ((time, "left" if left else "right") for time, _, left in lane_changes(records))
 
 
 def _statuses(records: tuple[Mapping[str, Any], ...]) -> Iterator[tuple[float, str]]:

@@ -29,6 +29,7 @@ _SCRIPTS = (
     "replay_plots.js",
     "replay_bounds.js",
     "replay_actions.js",
+    "replay_notes.js",
     "replay_timeline.js",
     "replay_panel.js",
     "replay_app.js",

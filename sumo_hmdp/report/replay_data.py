@@ -12,6 +12,7 @@ from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.report.replay_events import conflicts
+from sumo_hmdp.report.replay_notes import NOTES, notes_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,10 +148,10 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
     problems: list[Problem] = []
     # Results of before the bounds were written say nothing of them; the other first actions stand in no results.
     unknown = [name for name in (BOUNDS, ACTIONS) if name not in decisions.columns]
-    decisions = decisions.assign(**dict.fromkeys(unknown))
+    decisions = decisions.assign(**dict.fromkeys([*unknown, *({NOTES} - set(decisions.columns))]))
     records = [
         _decision(row, f"decisions[{position}]", problems)
-        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS, ACTIONS)))
+        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS, ACTIONS, NOTES)))
     ]
     if problems:
         raise InputError(problems, source="replay")
@@ -185,6 +186,9 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
         _rounded(entry, {"objective": 6, "violation_m": 3}, ("lateral", "mode", "chosen", "verdict", "reason"))
         for entry in opened[ACTIONS]
     ]
+    record["notes"], problem = notes_of(row[NOTES])
+    if problem:
+        problems.append(Problem(f"{path}.{NOTES}", problem))
     record["branches"] = [_branch(entry) for entry in opened["branches_json"]]
     record["forbidden"] = [
         {

@@ -2,11 +2,11 @@
 
 import statistics
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
+from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.plan import Status
 
 
@@ -35,7 +35,7 @@ class Summary:
         distance_m: along the road, from the ego's first to its last record [m].
         speed_mean_mps: mean over the ego's records [m/s].
         smallest_gap: over all instants, None where no vehicle was ever in the ego's path.
-        lane_changes: (time [s], new lane, whether it lies to the left) of each change of the ego's lane.
+        lane_changes: (time [s], new lane, whether it lies to the left) of each decision to change the lane.
         statuses: how many decisions had each status.
         solve_time_median_ms: over all decisions [ms].
         solve_time_max_ms: over all decisions [ms].
@@ -67,7 +67,7 @@ def summarize(data: Mapping[str, Any]) -> Summary:
         distance_m=x[-1] - x[0] if x else None,
         speed_mean_mps=statistics.fmean(speeds) if speeds else None,
         smallest_gap=_smallest_gap(data, ego) if ego else None,
-        lane_changes=_lane_changes(data, ego) if ego else (),
+        lane_changes=lane_changes(data["decisions"]),
         statuses=_statuses(data),
         solve_time_median_ms=statistics.median(solve_times) if solve_times else None,
         solve_time_max_ms=max(solve_times, default=None),
@@ -96,9 +96,16 @@ def _gap(ego: Mapping[str, Any], other: Mapping[str, Any], frame: int, time: flo
     return SmallestGap(ego_x - ego["length_m"] - other_x, time, other["id"], ahead=False)
 
 
-def _lane_changes(data: Mapping[str, Any], ego: Mapping[str, Any]) -> tuple[tuple[float, int, bool], ...]:
-    recorded = [(data["times_s"][ego["first"] + i], lane) for i, lane in enumerate(ego["lane"]) if lane is not None]
-    return tuple((time, lane, lane < before) for (_, before), (time, lane) in pairwise(recorded) if lane != before)
+def lane_changes(decisions: Sequence[Mapping[str, Any]]) -> tuple[tuple[float, int, bool], ...]:
+    """Return (time [s], new lane, whether it lies to the left) of each decision to change the lane.
+
+    These are the changes that `lane_change_count` counts: one that is given up counts, and so does the way back.
+    """
+    return tuple(
+        (one["time_s"], one["lane"], one["lateral"] == Lateral.LEFT.label)
+        for one in decisions
+        if one["lateral"] in {Lateral.LEFT.label, Lateral.RIGHT.label}
+    )
 
 
 def _statuses(data: Mapping[str, Any]) -> dict[str, int]:

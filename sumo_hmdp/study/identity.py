@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sumo_hmdp.decision.registry import planner_kind
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.study.store import SCHEMA_VERSION
 
@@ -23,10 +24,11 @@ def content_of(run: ReadyRun) -> dict[str, Any]:
     }
     # Networks may have the same name in different folders.
     scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
+    version = planner_kind(run.planner_name, "planner").version
     return {
         "schema_version": SCHEMA_VERSION,
         "scenario": scenario,
-        "planner": run.planner_name,
+        "planner": run.planner_name if version == 1 else f"{run.planner_name} {version}",
         "parameters": dict(run.parameters),
         "solver": run.solver,
     }

@@ -30,6 +30,7 @@ DECISION_COLUMNS = {
     "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
+    "notes_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -253,6 +254,7 @@ class Recorder:
                     for block in (() if evidence is None else evidence.forbidden())
                 ]
             ),
+            "notes_json": json.dumps(dict(decision.notes)),
             "bounds_json": json.dumps(
                 [
                     {

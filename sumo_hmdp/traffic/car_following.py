@@ -1,8 +1,7 @@
 """The Intelligent Driver Model over arrays, as SUMO computes it, and its equilibrium (docs/formulation.md, section 15).
 
 Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic simulations",
-Phys. Rev. E 62, 2000. SUMO's MSCFModel_IDM differs from the paper in one thing: the dynamic part of the wanted gap
-never makes it smaller than the gap at standstill. `decision/idm.py` is the published baseline's variant.
+Phys. Rev. E 62, 2000. Variants of it differ in three small things, which `IdmVariant` names.
 """
 
 from collections.abc import Sequence
@@ -19,8 +18,27 @@ FloatArray = NDArray[np.float64]
 
 # SUMO's emergencyDecel of its default vehicle class: nobody brakes harder [m/s2].
 EMERGENCY_DECEL = 9.0
-# SUMO takes no gap to be smaller, so that overlapping vehicles have an acceleration too [m].
-_LEAST_GAP = 1e-3
+
+
+@dataclass(frozen=True)
+class IdmVariant:
+    """What implementations of the model disagree on.
+
+    Attributes:
+        decel_max: strongest braking, at which the output is clipped, positive [m/s2].
+        least_gap: no gap is taken to be smaller, so that overlapping vehicles have an acceleration too [m].
+        wanted_gap_bounded: whether the wanted gap is at least the gap at standstill. Where it is not, its square
+            grows again behind a leader that draws away fast.
+    """
+
+    decel_max: float
+    least_gap: float
+    wanted_gap_bounded: bool
+
+
+# That of SUMO's MSCFModel_IDM, by which the traffic drives, and that of the rule-based code published with the paper.
+SUMO_IDM = IdmVariant(decel_max=EMERGENCY_DECEL, least_gap=1e-3, wanted_gap_bounded=True)
+PUBLISHED_IDM = IdmVariant(decel_max=5.0, least_gap=0.1, wanted_gap_bounded=False)
 
 
 @dataclass(frozen=True)
@@ -72,22 +90,25 @@ def own_terms(drivers: Drivers, speed: FloatArray) -> FloatArray:
     return terms
 
 
-def accel_behind(own: FloatArray, gap: FloatArray, lead_speed: ArrayLike) -> FloatArray:
-    """Return the acceleration behind a leader [m/s2], at least -EMERGENCY_DECEL (docs/formulation.md, eq. 24).
+def accel_behind(own: FloatArray, gap: FloatArray, lead_speed: ArrayLike, variant: IdmVariant = SUMO_IDM) -> FloatArray:
+    """Return the acceleration behind a leader [m/s2], at least -decel_max (docs/formulation.md, eqs. 20 and 24).
 
         a (1 - (v / v0)^delta - (s* / gap)^2),   s* = s0 + max(0, v T + v closing_speed / (2 sqrt(a b)))
 
-    SUMO's speed after the step is max(0, v + accel dt), if its `stepping` is at least the step.
+    without the max in a variant that does not bound s*. SUMO's speed after the step is max(0, v + accel dt), if its
+    `stepping` is at least the step.
 
     Args:
         own: the followers' terms as `own_terms` gives them, shape (6, ...).
         gap: to the leader [m], infinite where there is none.
         lead_speed: the leader's [m/s].
+        variant: which implementation.
     """
     free, accel, min_gap, wanted, approach, speed = own
-    wanted_gap = min_gap + np.maximum(0.0, wanted + approach * (speed - lead_speed))
-    ratio = wanted_gap / np.maximum(gap, _LEAST_GAP)
-    result: FloatArray = np.maximum(free - accel * ratio * ratio, -EMERGENCY_DECEL)
+    dynamic = wanted + approach * (speed - lead_speed)
+    wanted_gap = min_gap + (np.maximum(0.0, dynamic) if variant.wanted_gap_bounded else dynamic)
+    ratio = wanted_gap / np.maximum(gap, variant.least_gap)
+    result: FloatArray = np.maximum(free - accel * ratio * ratio, -variant.decel_max)
     return result
 
 

@@ -92,7 +92,8 @@ class Clock(StrEnum):
     """What the times of a schedule count from.
 
     RUN: the start of the run.
-    EGO_CHANGE: the first scene in which the ego intends another lane than the one it was in at first.
+    EGO_CHANGE: the first instant at which the ego is off the centre of its first lane because it changes lanes. That
+        is one control step after the decision: an indicator alone starts no clock.
     """
 
     RUN = "run"
@@ -105,11 +106,13 @@ class ScheduleMemory:
 
     Attributes:
         ego_lane: the lane that the ego was in at first, None before the first scene.
-        ego_change_time: when it first intended another one [s], None until then.
+        ego_decided: whether it intended another one in the scene before.
+        ego_change_time: when it first was on its way to another one [s], None until then.
         latched: whether the car-following law applied in the step before.
     """
 
     ego_lane: int | None = None
+    ego_decided: bool = False
     ego_change_time: float | None = None
     latched: bool = False
 
@@ -194,9 +197,13 @@ class ModeSchedule:
 
 
 def _watch_ego(memory: ScheduleMemory, scene: Scene) -> ScheduleMemory:
-    """Note the ego's first lane, and the time at which it first intends another."""
+    """Note the ego's first lane, and the time at which it first is on its way to another.
+
+    The drivers are shown the ego with what it has just decided, before it moves: its change shows in the next scene.
+    """
     if memory.ego_lane is None:
         memory = replace(memory, ego_lane=scene.road.lane_at(scene.ego.y))
-    if memory.ego_change_time is None and scene.ego.lane != memory.ego_lane:
-        return replace(memory, ego_change_time=scene.time)
-    return memory
+    if memory.ego_change_time is not None:
+        return memory
+    started = scene.time if memory.ego_decided else None
+    return replace(memory, ego_decided=scene.ego.lane != memory.ego_lane, ego_change_time=started)

@@ -139,7 +139,7 @@ def test_keys_of_files_that_are_written(tmp_path):
     manifest = dict(record.manifest)
     assert {"x_m", "risk_level"} <= numbers_in(manifest)
     assert offenders(numbers_in(manifest)) == []
-    for column in ("plan_json", "branches_json", "forbidden_json", "bounds_json"):
+    for column in ("plan_json", "branches_json", "forbidden_json", "bounds_json", "notes_json"):
         assert offenders(numbers_in(json.loads(record.decisions[column].iloc[0]))) == []
     assert set(record.row) == set(RUN_COLUMNS)
 

@@ -142,12 +142,14 @@ def forbidden(branches: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def plan(ego, time: float) -> list[dict[str, Any]]:
-    entries, x, speed, before = [], ego.x_m, ego.speed_mps, ego.intended_lane
+    # The lane that it intended before the decision.
+    entries, x, speed, before = [], ego.x_m, ego.speed_mps, lateral(time - DT / 2, 2, EGO_CHANGES)[2]
     for k in range(1, HORIZON + 1):
         accel = ego_accel(time + (k - 1) * PERIOD)
         x += speed * PERIOD + accel * PERIOD**2 / 2
         speed += accel * PERIOD
-        lane = lateral(time + (k - 1) * PERIOD, 2, EGO_CHANGES)[2]
+        # Sums of periods are not exact.
+        lane = lateral(time + (k - 1) * PERIOD + 1e-9, 2, EGO_CHANGES)[2]
         move = "left" if lane < before else "right" if lane > before else "keep"
         entries.append({"step": k, "lateral": move, "mode": mode_of(accel), "lane": lane, "x_m": x, "speed_mps": speed})
         before = lane

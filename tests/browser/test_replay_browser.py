@@ -158,6 +158,38 @@ def test_decisions_of_a_rule_are_no_events(open_page, tmp_path, manifest, steps,
     ]
 
 
+def test_the_notes_of_a_rule_explain_it(open_page, tmp_path, manifest, steps, decisions):
+    notes = {"lane_2_accel_mps2": -1.5, "lane_1_accel_mps2": 0.25, "lane_1_safe": "no: 1.2 m of room ahead"}
+    notes["lane_change"] = "<b>under way</b>"
+    ruled = decisions.assign(status="rule", reason="", notes_json=json.dumps(notes))
+    page = open_page(write_replay(tmp_path / "notes.html", manifest, steps, ruled))
+
+    assert page.locator(".notes-table thead th").all_inner_texts()[1:] == [
+        "acceleration (m/s\N{SUPERSCRIPT TWO})",
+        "safe",
+    ]
+    assert page.locator(".notes-table tbody tr").all_inner_texts() == [
+        "1\t0.25\tno: 1.2 m of room ahead",
+        "2\t-1.5\t–",  # noqa: RUF001
+    ]
+    assert "<b>under way</b>" in page.inner_text(".notes")
+    assert "A rule weighs no other first actions." not in page.inner_text("#decision")
+
+
+def test_a_contact_is_told_and_shading_says_what_it_is(open_page, tmp_path, manifest, steps, decisions):
+    last = steps["time_s"].max()
+    ego = steps[(steps["vehicle_id"] == "ego") & (steps["time_s"] == last)].iloc[0]
+    struck = (steps["time_s"] == last) & (steps["vehicle_id"] == "car_02")
+    steps = steps.copy()
+    steps.loc[struck, ["x_m", "y_m"]] = [ego["x_m"] + 4.0, ego["y_m"]]
+    page = open_page(write_replay(tmp_path / "contact.html", manifest, steps, decisions), f"#t={last:.2f}")
+
+    assert "contact with car_02" in page.inner_text("#instant")
+    shaded = page.inner_text("#shading")
+    assert shaded.startswith("Shaded: ")
+    assert {"contact", "near miss"} <= {text.strip() for text in page.locator("#shading span").all_inner_texts()}
+
+
 def test_fragment_opens_at_a_time(open_page, page_path):
     assert open_page(page_path, "#t=12.6").evaluate(STATE)["time"] == 12.6
 

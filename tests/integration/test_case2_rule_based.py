@@ -36,8 +36,13 @@ def test_sv1_is_made_to_brake(record):
     sv1 = of(record, "sv1")
     assert sv1["speed_mps"].max() == pytest.approx(36.25, abs=0.005)
     assert sv1["accel_mps2"].min() == pytest.approx(-3.0)
-    # 1.8 s after the ego begins: the first speed that differs is that at the end of the step from 7.65 s.
-    assert sv1.index[sv1["speed_mps"] > 25.0][0] == pytest.approx(7.8)
+    # The ego is first off its lane's centre at 6.0 s; 1.8 s later SV1 still has 25.0 m/s, and rises from there.
+    assert sv1["speed_mps"].iloc[52] == 25.0
+    assert sv1.index[sv1["speed_mps"] > 25.0][0] == pytest.approx(7.95)
+    # 25 t and 30 steps of v+ = v + 2.5 dt, x+ = x + v+ dt up to its peak at 12.3 s: 25 * 12.3 + 2.5 dt^2 * 30 * 31 / 2.
+    assert sv1["x_m"].iloc[82] == pytest.approx(333.66, abs=0.01)
+    # Published at 12.45 s. A start one step early puts it 1.55 m farther ahead.
+    assert sv1["x_m"].iloc[83] == pytest.approx(339.03, abs=0.1)
 
 
 def test_decisions_of_a_rule_are_not_counted_as_optimal(record):

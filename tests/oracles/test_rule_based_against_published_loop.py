@@ -1,7 +1,9 @@
 """The run in SUMO against a plain loop over arrays that follows the description of the published rule-based code.
 
 The loop shares nothing with the package: vehicles are columns, steps have the number of the instant at which they
-end, and the ego's lane change has a flag, a target and a clock of its own.
+end, and the ego's lane change has a flag, a target and a clock of its own. What it must not share is a reading of the
+description either: it once counted SV1's reaction from the decision, as the package did, and both were a step early. So
+the published speeds at 7.80 and 7.95 s are pinned beside the numbers of the end.
 """
 
 import numpy as np
@@ -71,7 +73,8 @@ def loop():
                 begun, lanes[EGO] = n, 1
         a = np.zeros(5)
         a[EGO] = idm(px, pv, EGO, lead_and_follower(px, lanes, EGO, lanes[EGO])[0])
-        accelerating = begun is not None and n - begun >= REACTION_STEPS
+        # The clock starts at the first instant off the lane's centre, begun * DT, and is read at this step's beginning.
+        accelerating = begun is not None and (n - 1) - begun >= REACTION_STEPS
         a[SV1], following = reaction(px, pv, lanes, accelerating, following)
         v[n] = np.maximum(0.0, pv + DT * a)
         v[n, SV1] = min(v[n, SV1], 38.0)
@@ -100,6 +103,9 @@ def test_the_loop_gives_the_published_numbers(loop):
     assert x[-1, SV1] == pytest.approx(1323.8, abs=0.05)
     assert v[:, SV1].max() == pytest.approx(36.25, abs=0.005)
     assert np.diff(v[:, SV1]).min() / DT == pytest.approx(-3.0)
+    # Published: still 25.0 m/s at 7.80 s, and rising from there.
+    assert v[52, SV1] == 25.0
+    assert v[53, SV1] == pytest.approx(25.375)
 
 
 @pytest.mark.parametrize(("column", "quantity"), [("x_m", 0), ("speed_mps", 1), ("y_m", 2)])

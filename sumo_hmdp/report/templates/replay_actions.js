@@ -19,11 +19,12 @@ function forbiddenText(actions) {
 }
 
 function actionsOf(decision) {
+  if (decision.status === "rule") return decision.notes.lanes.length ? [] : [make("p", { className: "empty" }, "A rule weighs no other first actions.")];
   if (!decision.actions) {
     return [make("p", { className: "empty" }, "Why no other first action was taken is not in this page: ", make("code", {}, "sumo-hmdp replay DIR RUN_ID"), " works it out.")];
   }
   if (!decision.actions.length) {
-    return [make("p", { className: "empty" }, decision.status === "rule" ? "A rule weighs no other first actions." : "What the other first actions would lead to could not be worked out.")];
+    return [make("p", { className: "empty" }, "What the other first actions would lead to could not be worked out.")];
   }
   const chosen = decision.actions.find((action) => action.chosen) ?? null;
   const open = (action) => action.verdict !== "inadmissible" || action.chosen;

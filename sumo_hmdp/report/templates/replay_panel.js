@@ -27,7 +27,7 @@ function showDecision(decision, onStep) {
   badge.dataset.status = decision.status;
   const head = make("div", { className: "decision-head" }, badge, make("b", {}, actionText(decision)));
   const why = decision.reason ? [make("p", { className: "why" }, decision.reason)] : [];
-  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), factsOf(decision), planTable(decision, onStep), ...actionsOf(decision));
+  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), ...notesOf(decision), factsOf(decision), planTable(decision, onStep), ...actionsOf(decision));
 }
 
 function actionText(decision) {
@@ -92,6 +92,9 @@ function showScene(cursor) {
   document.getElementById("scene-table").replaceChildren(headRow(heads), make("tbody", {}, ...rows));
 }
 
+// Whom the ego touches at a time, and whom it nearly does.
+const conflictsAt = (time, kind) => data.conflicts.filter((one) => one.kind === kind && time >= one.time_s - 1e-6 && time <= one.until_s + 1e-6).map((one) => one.vehicle_id);
+
 const ttcText = ({ ttc }) => (ttc === null ? "not closing" : `TTC ${ttc >= 100 ? "over 100" : ttc.toFixed(1)} s`);
 
 // The instant in words, for the line under the road and for screen readers.
@@ -100,9 +103,12 @@ function sceneText(cursor, decision) {
   const start = `${cursor.time.toFixed(2)} s: `;
   if (!egoState) return `${start}the ego is not on the road.`;
   const ahead = neighbours(cursor).find(({ offset }) => offset === 0)?.ahead;
+  const touched = conflictsAt(cursor.time, "contact");
+  const near = conflictsAt(cursor.time, "near_miss").filter((id) => !touched.includes(id));
+  const conflict = [touched.length ? `contact with ${touched.join(", ")}` : "", near.length ? `near miss with ${near.join(", ")}` : ""].filter(Boolean).join("; ");
   const leader = ahead ? `${ahead.vehicle.id} ahead, gap ${ahead.gap.toFixed(1)} m, ${ttcText(ahead)}` : "nobody ahead in its lane";
   const decided = decision ? ` Decision ${decision.decision_index}, ${decision.status}: ${actionText(decision)}.` : "";
-  return `${start}ego in lane ${egoState.lane ?? "–"} at ${egoState.x.toFixed(1)} m, ${fixed(egoState.speed, 1)} m/s; ${leader}.${decided}`;
+  return `${start}ego in lane ${egoState.lane ?? "–"} at ${egoState.x.toFixed(1)} m, ${fixed(egoState.speed, 1)} m/s; ${conflict ? `${conflict}; ` : ""}${leader}.${decided}`;
 }
 
 const LANE_WORDS = { "-1": "left", 0: "own", 1: "right" };

@@ -36,7 +36,19 @@ function eventNear(x, width) {
   return near.sort((a, b) => Math.abs(a.x - x) - Math.abs(b.x - x))[0] ?? null;
 }
 
+// What the plots shade, in words, each after a swatch of its colour.
+function fillShading() {
+  const shaded = [...new Set(events.filter((event) => event.until !== undefined).map((event) => event.kind))];
+  const named = shaded.map((kind) => {
+    const swatch = make("i", { className: "swatch" });
+    Object.assign(swatch.style, { background: eventInk(kind), opacity: 0.4 });
+    return make("span", {}, swatch, KIND_NAMES[kind] ?? kind);
+  });
+  document.getElementById("shading").replaceChildren(...(named.length ? ["Shaded: ", ...named] : []));
+}
+
 function fillMarksKey() {
+  fillShading();
   const order = Object.keys(KIND_NAMES);
   const kinds = [...new Set(events.map((event) => event.kind))].sort((a, b) => order.indexOf(a) - order.indexOf(b));
   document.getElementById("marks-key").replaceChildren(...kinds.map((kind) => {

@@ -1,12 +1,11 @@
-"""The rule-based planner and the constant one: when they decide, and what a decision says."""
+"""The published rule-based planner and the constant one: when they decide, and what a decision says."""
 
 from dataclasses import replace
 
 import pytest
 
-from sumo_hmdp.decision.baselines import ConstantPlanner, IdmMobilFile, IdmMobilPlanner, LaneChangeMemory
-from sumo_hmdp.decision.idm import Idm
-from sumo_hmdp.decision.mobil import Goal, Mobil
+from sumo_hmdp.decision.baselines import ConstantPlanner, LaneChangeMemory
+from sumo_hmdp.decision.published_rules import PublishedFile, PublishedPlanner
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
@@ -14,7 +13,7 @@ from sumo_hmdp.domain.scene import Scene, VehicleState
 
 ROAD = Road(lane_count=3, lane_width=4.0)
 DT = 0.15
-PLANNER = IdmMobilPlanner(DT, lane_change_time=8.0)
+PLANNER = PublishedPlanner(DT, lane_change_time=8.0)
 
 
 def vehicle(name, x, lane, speed=30.0):
@@ -57,7 +56,7 @@ def test_no_second_change_before_the_first_is_over():
 
 @pytest.mark.parametrize(("change_time", "steps"), [(4.2, 7), (4.3, 8), (0.6, 1)])
 def test_a_change_takes_whole_steps(change_time, steps):
-    planner = IdmMobilPlanner(0.6, lane_change_time=change_time)
+    planner = PublishedPlanner(0.6, lane_change_time=change_time)
     _, memory = planner.decide(scene(0, 2, SLOW), planner.initial_memory())
     assert memory.free_from == steps
 
@@ -78,28 +77,15 @@ def test_constant_keeps_lane_and_speed():
     assert (decision.status, memory, planner.period) == (Status.RULE, None, DT)
 
 
-def test_file_defaults_are_those_of_the_models():
-    file = IdmMobilFile()
-    assert (file.idm(), file.mobil(), file.lateral_period_s) == (Idm(), Mobil(), PLANNER.lateral_period)
-
-
 def test_every_key_reaches_its_model():
     keys = {
         "desired_speed_mps": 1.0, "min_gap_m": 2.1, "time_gap_s": 3.0, "accel_mps2": 4.1, "decel_mps2": 5.0,
         "exponent": 6.1, "decel_max_mps2": 7.0, "politeness": 8.0, "threshold_mps2": 9.0, "safe_decel_mps2": 10.0,
-        "leader_range_m": 11.0, "forbidden_lanes": [3], "occupancy": "swept",
-        "goal": {"lane": 2, "x_m": 12.0, "bias_mps2": 13.0, "time_s": 14.0},
+        "forbidden_lanes": [3],
     }  # fmt: skip
-    file = IdmMobilFile(**keys)
-    assert file.idm() == Idm(1.0, 2.1, 3.0, 4.1, 5.0, 6.1, 7.0)
-    goal = Goal(lane=2, x=12.0, distance=14.0, bias=13.0)  # 14 s at 1 m/s
-    assert file.mobil() == Mobil(8.0, 9.0, 10.0, 11.0, frozenset({3}), goal, swept=True)
-
-
-def test_swept_it_keeps_behind_the_leader_of_the_lane_that_its_body_is_over():
-    # In the change from lane 2 to lane 1 its body of 1.8 m leaves lane 2 at y = 2.9 m.
-    for y, swept, expected in ((2.8, True, -5.0), (2.9, True, 0.0), (2.8, False, 0.0)):
-        planner = replace(PLANNER, mobil=Mobil(swept=swept))
-        now = scene(1, 1, SLOW)
-        decision, _ = planner.decide(replace(now, ego=replace(now.ego, y=y)), LaneChangeMemory(free_from=57))
-        assert (decision.command.lane, decision.command.accel) == (1, expected)
+    rules = PublishedFile(**keys).rules()
+    idm, rule = rules.idm, rules.rule
+    numbers = (rules.desired_speed, idm.min_gap, idm.time_gap, idm.accel, idm.decel, idm.exponent, rule.idm.decel_max)
+    assert (*numbers, rules.politeness, rule.threshold, rule.safe_decel, [*rules.forbidden_lanes]) == (*keys.values(),)
+    assert rule.published
+    assert PublishedPlanner(DT, 8.0).rules == PublishedFile().rules()

@@ -1,14 +1,17 @@
 """Answers that no vehicle can carry out end a run at once, in words that their author understands."""
 
+import json
 import math
 from dataclasses import dataclass, replace
 
 import pytest
 
 from sumo_hmdp.decision.baselines import ConstantPlanner, rule_decision
-from sumo_hmdp.decision.contract import PlannerError, steps_per_decision
+from sumo_hmdp.decision.contract import PlannerError, require_decision, steps_per_decision
 from sumo_hmdp.domain.maneuver import Lateral
-from sumo_hmdp.domain.plan import Command
+from sumo_hmdp.domain.plan import Command, Decision, Status
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.run import execute
 
@@ -53,3 +56,31 @@ def test_a_run_ends_with_the_first_wrong_answer(command, reason):
     ready = load_scenario(find_scenario("case2"), RunOptions(planner="constant", overrides={"duration_s": 0.6}))
     record = execute(replace(ready, planner=Answering(command)))
     assert (record.status, record.reason) == ("failed", reason)
+
+
+@pytest.mark.parametrize("notes", [{"gap_m": math.inf}, {"gap_m": None}, {3: "three"}, {"gaps_m": [1.0]}])
+def test_notes_are_names_with_numbers_or_words(notes):
+    road = Road(3, 4.0)
+    scene = Scene(1.0, road, VehicleState(EGO_ID, 0.0, 0.0, 20.0, 2), ())
+    decision = replace(rule_decision(scene, Command(2, 0.0), Lateral.KEEP), notes=notes)
+    with pytest.raises(PlannerError, match="notes must map names to finite numbers, true or false, or text, got"):
+        require_decision(decision, road)
+
+
+def test_notes_are_kept_as_they_were_told():
+    notes = {"gap_m": 12.5, "safe": True, "why": "free road"}
+    decision = Decision(0.0, Status.RULE, Command(2, 0.0), notes=notes)
+    require_decision(decision, Road(3, 4.0))
+    notes["gap_m"] = 1.0
+    assert dict(decision.notes) == {"gap_m": 12.5, "safe": True, "why": "free road"}
+    with pytest.raises(TypeError):
+        decision.notes["gap_m"] = 2.0
+    assert hash(decision) == hash(replace(decision, notes={}))
+
+
+def test_notes_stand_in_the_decisions_table():
+    ready = load_scenario(find_scenario("case2"), RunOptions(planner="idm_mobil", overrides={"duration_s": 0.6}))
+    record = execute(ready)
+    first = json.loads(record.decisions["notes_json"].iloc[0])
+    assert first["lane_3_safe"] == "no: the lane is forbidden"
+    assert {"lane_1_accel_mps2", "lane_1_incentive_mps2", "lane_2_accel_mps2"} <= set(first)

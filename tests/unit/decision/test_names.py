@@ -20,4 +20,4 @@ def test_completing_a_planner_or_solver_imports_neither():
         "print(complete_planner('idm'), complete_solver('s'), 'numpy' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout.strip() == "['idm_mobil'] ['search'] False"
+    assert done.stdout.strip() == "['idm_mobil', 'idm_mobil_published'] ['search'] False"

@@ -51,6 +51,7 @@ def decisions():
         "forbidden_json": '[{"step": 1, "lane": 2, "x_from_m": 140.0, "x_to_m": Infinity}]',
     }  # fmt: skip
     relaxed = row | {"decision_index": 1, "time_s": 0.8, "status": "relaxed", "reason": "no corridor " * 40}
+    relaxed |= {"lateral": "left", "lane": 1}
     return pd.DataFrame([row, relaxed])
 
 
@@ -85,7 +86,7 @@ def test_the_leader_its_gap_and_the_time_to_collision(film):
 def test_decision_in_force_and_marks(film):
     assert film.at(0.79).decision["status"] == "optimal"
     assert film.at(0.8).decision["status"] == "relaxed"
-    assert film.marks == ((0.8, "relaxed"),)
+    assert film.marks == ((0.8, "left"), (0.8, "relaxed"))
 
 
 def test_the_ego_is_drawn_where_it_is(film):

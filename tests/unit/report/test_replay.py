@@ -207,7 +207,11 @@ def test_decisions_json_is_opened_rounded_and_unbounded_means_null(manifest, ste
 
 def test_summary_by_hand(manifest, steps):
     decisions = pd.DataFrame(
-        [decision(0, 0.0), decision(1, 0.15, status="fallback", solve_time_ms=30.0), decision(2, 0.3)]
+        [
+            decision(0, 0.0, lateral="left", lane=1),
+            decision(1, 0.15, status="fallback", solve_time_ms=30.0, lane=1),
+            decision(2, 0.3, lateral="right"),
+        ]
     )
 
     summary = summarize(replay_data(manifest, steps, decisions))
@@ -218,7 +222,8 @@ def test_summary_by_hand(manifest, steps):
     assert (summary.smallest_gap.vehicle_id, summary.smallest_gap.ahead) == ("behind", False)
     assert summary.smallest_gap.time_s == pytest.approx(0.3)
     assert summary.distance_m == pytest.approx(6.0)
-    assert summary.lane_changes == ((0.3, 1, True),)
+    # Decisions to change lanes, as `lane_change_count` has them, and not the one line that the ego crosses.
+    assert summary.lane_changes == ((0.0, 1, True), (0.3, 2, False))
     assert summary.statuses == {"optimal": 2, "fallback": 1}
     assert (summary.solve_time_median_ms, summary.solve_time_max_ms) == (12, 30)
 
@@ -305,3 +310,31 @@ def test_near_misses_and_contacts_by_hand(manifest):
     assert [(one["kind"], one["vehicle_id"]) for one in found] == [("near_miss", "stands"), ("contact", "stands")]
     assert [one["time_s"] for one in found] == pytest.approx([0.4, 1.6])
     assert [one["until_s"] for one in found] == pytest.approx([1.6, 1.6])
+
+
+def test_notes_become_a_table_of_lanes_and_words(manifest, steps):
+    notes = {
+        "lane_2_accel_mps2": -1.23456, "lane_1_accel_mps2": -1e-9, "lane_1_incentive_mps2": 0.5,
+        "lane_1_safe": "no: busy",
+        "follows": True, "time_to_go_s": 12.0, "why": HOSTILE,
+    }  # fmt: skip
+    page = Page(render_replay(manifest, steps, pd.DataFrame([decision(0, 0.0, notes_json=json.dumps(notes))])))
+
+    (record,) = page.data["decisions"]
+
+    assert record["notes"] == {
+        "columns": ["acceleration (m/s\N{SUPERSCRIPT TWO})", "incentive (m/s\N{SUPERSCRIPT TWO})", "safe"],
+        "lanes": [[1, ["0", "0.5", "no: busy"]], [2, ["-1.235", "", ""]]],
+        "others": [["follows", "yes"], ["time to go (s)", "12"], ["why", HOSTILE]],
+    }
+
+
+def test_results_of_before_the_notes_have_none(manifest, steps):
+    (record,) = Page(render_replay(manifest, steps, pd.DataFrame([decision(0, 0.0)]))).data["decisions"]
+    assert record["notes"] == {"columns": [], "lanes": [], "others": []}
+
+
+def test_broken_notes_are_named(manifest, steps):
+    for text in ("[1]", "{"):
+        with pytest.raises(InputError, match=r"decisions\[0\]\.notes_json: must hold"):
+            render_replay(manifest, steps, pd.DataFrame([decision(0, 0.0, notes_json=text)]))

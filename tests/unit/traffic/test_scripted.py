@@ -67,15 +67,18 @@ def test_schedule_on_the_clock_of_the_ego():
         ego = replace(FAR_EGO, lane=1 if 2.0 - 1e-9 <= time < 3.0 - 1e-9 else 2)
         accel, _, memory = act(driver, vehicle(), time=time, ego=ego, memory=memory)
         accels[step] = accel
-    assert memory.ego_change_time == pytest.approx(2.0)
-    assert {accels[s] for s in range(19)} == {0.0}
-    assert {accels[s] for s in range(19, 30)} == {2.5}
+    # It decides at 2.0 s and is first off its lane's centre one step later; 1.8 s after that SV1 has step 20 begun.
+    assert memory.ego_change_time == pytest.approx(2.2)
+    assert {accels[s] for s in range(20)} == {0.0}
+    assert {accels[s] for s in range(20, 30)} == {2.5}
 
 
-def test_an_ego_that_changes_at_once_starts_the_clock_at_zero():
+def test_an_ego_that_decides_at_once_starts_the_clock_one_step_later():
     driver = ModeSchedule(((1.8, Mode.ACCELERATE),), accel=2.5, clock=Clock.EGO_CHANGE)
     _, _, memory = act(driver, vehicle(), ego=replace(FAR_EGO, lane=1))
-    assert memory.ego_change_time == 0.0
+    assert memory.ego_change_time is None
+    _, _, memory = act(driver, vehicle(), time=DT, ego=replace(FAR_EGO, lane=1), memory=memory)
+    assert memory.ego_change_time == pytest.approx(DT)
 
 
 def test_accelerating_ends_exactly_at_the_cap():
