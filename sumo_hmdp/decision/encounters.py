@@ -116,12 +116,12 @@ def encounters(
 
 def dropped_probability(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> FloatArray:
     """Return the probability of the places along the road that are too unlikely to be kept, (V,)."""
-    return np.array([_places(problem, vehicle).dropped for vehicle in vehicles], dtype=np.float64)
+    return np.array([vehicle_places(problem, vehicle).dropped for vehicle in vehicles], dtype=np.float64)
 
 
 def place_count(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> int:
     """Return how many places along the road vehicles have at the end of the horizon."""
-    return sum(len(_places(problem, vehicle).steps[-1].point) for vehicle in vehicles)
+    return sum(len(vehicle_places(problem, vehicle).steps[-1].point) for vehicle in vehicles)
 
 
 def in_reach(
@@ -141,7 +141,7 @@ def in_reach(
     low, high = np.array([place.x.min() for place in ego]), np.array([place.x.max() for place in ego])
     fastest = max(float(place.speed.max()) for place in ego)
     drift, way = x[:, None] + speed[:, None] * step * T, accel * (step * T) ** 2 / 2
-    slack = FAR * np.array([_deviations(vehicle, T, H) for vehicle in vehicles])
+    slack = FAR * np.array([deviations_of(vehicle.noise, T, H) for vehicle in vehicles])
     # Distances grow with the speed of the vehicle behind, and fall with that of the one ahead.
     others = np.stack([speed + H * accel * T, np.zeros(V)])
     most = clearance_to(problem, length, others, np.zeros(1), fastest)
@@ -160,7 +160,7 @@ def _groups(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> l
     rows: dict[int, list[int]] = {}
     known: dict[int, Places] = {}
     for row, vehicle in enumerate(vehicles):
-        places = _places(problem, vehicle)
+        places = vehicle_places(problem, vehicle)
         known[id(places)] = places
         rows.setdefault(id(places), []).append(row)
     T, H = problem.settings.period, problem.settings.horizon_steps
@@ -171,29 +171,26 @@ def _groups(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> l
             np.array([vehicles[row].state.x for row in members]),
             np.array([vehicles[row].state.speed for row in members]),
             np.array([vehicles[row].state.length for row in members]),
-            np.array([_deviations(vehicles[row], T, H) for row in members]),
+            np.array([deviations_of(vehicles[row].noise, T, H) for row in members]),
         )
         for key, members in rows.items()
     ]
 
 
-def _places(problem: DecisionProblem, vehicle: PredictedVehicle) -> Places:
+def vehicle_places(problem: DecisionProblem, vehicle: PredictedVehicle, *, by_speed: bool = False) -> Places:
+    """Return the places of a vehicle, those of different speeds told apart where asked for or needed."""
     settings = problem.settings
     return places_of(
         vehicle.policy.longitudinal,
         int(vehicle.state.mode),
         vehicle.state.speed / (settings.accel * settings.period),
         settings.horizon_steps,
-        by_speed=settings.distance_needs_other_speed,
+        by_speed=by_speed or settings.distance_needs_other_speed,
     )
 
 
-def _deviations(vehicle: PredictedVehicle, period: float, steps: int) -> FloatArray:
-    return _deviations_of(vehicle.noise, period, steps)
-
-
 @lru_cache(maxsize=4096)
-def _deviations_of(noise: Noise, period: float, steps: int) -> FloatArray:
+def deviations_of(noise: Noise, period: float, steps: int) -> FloatArray:
     """Return the standard deviation of x after each step 1..H, (H,) [m]."""
     deviations: FloatArray = np.sqrt(position_variances(noise, period, steps))
     deviations.flags.writeable = False

@@ -54,6 +54,7 @@ class RiskTaken:
         taken: of the plan, at most 1.
         least: that any plan could have had, at most 1.
         contact: upper bound of the probability that the plan ends in contact, at most 1.
+        way_out: what of the risk level pays for the way out at the end, beside what is taken.
         dropped: probability that the prediction dropped; part of all three.
         vehicles: ids of the vehicles that may matter, V of them.
         parts: (V, H) what each of them adds at each step.
@@ -63,6 +64,7 @@ class RiskTaken:
     least: float
     contact: float
     dropped: float
+    way_out: float = 0.0
     vehicles: tuple[str, ...] = ()
     parts: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
@@ -206,6 +208,7 @@ def _taken(risk: PlanRisk, plan: Plan, least: float) -> RiskTaken:
     names = tuple(risk.problem.vehicles[index].state.id for index in risk.vehicles)
     return RiskTaken(
         taken=min(1.0, float(parts.sum()) + risk.dropped),
+        way_out=risk.way_out_of(plan.path),
         least=min(1.0, least),
         contact=min(1.0, contact),
         dropped=risk.dropped,

@@ -26,7 +26,8 @@ from sumo_hmdp.decision.encounters import (
     place_count,
 )
 from sumo_hmdp.decision.graph import DecisionGraph, Grouping, Path
-from sumo_hmdp.decision.problem import DecisionProblem
+from sumo_hmdp.decision.problem import DecisionProblem, WayOut
+from sumo_hmdp.decision.way_out import way_out_risk
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
 from sumo_hmdp.prediction.dynamics import FloatArray
@@ -63,6 +64,7 @@ class PlanRisk:
         index: places and hops of the ego, step by step.
         taken: probability that each vehicle takes up the lanes of the ego's footprints, step by step.
         safe: encounters by the safe distance, step by step.
+        way_out: risk of having no way out, (U, M) by footprint and motion at the end; None where none is asked for.
         dropped: probability that the prediction dropped, of all vehicles.
         problem: the decision problem.
     """
@@ -73,12 +75,18 @@ class PlanRisk:
     index: tuple[PlaceIndex, ...]
     taken: tuple[LanesTaken, ...]
     safe: tuple[StepEncounters, ...]
+    way_out: FloatArray | None
     dropped: float
 
     @cached_property
     def arcs(self) -> tuple[FloatArray, ...]:
-        """Risk of each move and arc, (P, A) for each step (docs/formulation.md, eq. 37)."""
-        return self._by_arc(self.safe)
+        """Risk of each move and arc, (P, A) for each step; at the last with that of its way out (eqs. 37 and 42)."""
+        rows = self._by_arc(self.safe)
+        if self.way_out is None:
+            return rows
+        step = self.graph.steps[-1]
+        after = step.moves.footprints[step.moves.pair, 1]
+        return (*rows[:-1], rows[-1] + self.way_out[after[:, None], step.motions.after])
 
     @property
     def place_count(self) -> int:
@@ -120,6 +128,14 @@ class PlanRisk:
             together = taken.both[:, before, after] * (near.passes[:, hop] - near.again[:, hop])
             parts.append(np.maximum(taken.now[:, after] * near.short[:, place] + together, 0.0))
         return np.stack(parts, axis=1)
+
+    def way_out_of(self, path: Path) -> float:
+        """Return the risk of having no way out at the end of a path; 0 where none is asked for."""
+        if self.way_out is None:
+            return 0.0
+        step = self.graph.steps[-1]
+        after = step.moves.footprints[step.moves.pair[path.moves[-1]], 1]
+        return float(self.way_out[after, step.motions.after[path.arcs[-1]]])
 
     def contact_of_path(self, path: Path) -> float:
         """Return an upper bound of the probability that a path ends in contact, what was dropped included."""
@@ -176,7 +192,12 @@ def plan_risk(problem: DecisionProblem, graph: DecisionGraph) -> PlanRisk:
     taken = lanes_taken(vehicles, rules, footprints)
     safe = encounters(problem, vehicles, places, Distance.SAFE)
     dropped = dropped_probability(problem, vehicles).sum() + taken.dropped.sum()
-    return PlanRisk(problem, graph, np.array(reached, dtype=np.int64), index, taken.steps, safe, float(dropped))
+    way_out = None
+    if settings.way_out is WayOut.BRAKING and vehicles:
+        way_out = way_out_risk(problem, vehicles, graph.steps[-1], taken.steps[-1].now)
+    return PlanRisk(
+        problem, graph, np.array(reached, dtype=np.int64), index, taken.steps, safe, way_out, float(dropped)
+    )
 
 
 def _place_index(graph: DecisionGraph, *, by_speed: bool) -> tuple[PlaceIndex, ...]:

@@ -12,6 +12,7 @@ from sumo_hmdp.decision.audit import Audit, audit, shifted
 from sumo_hmdp.decision.corridors import forbidden_intervals
 from sumo_hmdp.decision.decide import Answer, answer
 from sumo_hmdp.decision.first_actions import first_actions
+from sumo_hmdp.decision.lane_change_belief import LaneChangeRates, lane_change_policies
 from sumo_hmdp.decision.plan_bounds import plan_bounds
 from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.problem_file import problem_document
@@ -24,7 +25,7 @@ from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.branches import Branches, PredictedVehicle, covariances, lateral_means
 from sumo_hmdp.prediction.dynamics import Noise
 from sumo_hmdp.prediction.lateral import LaneFollowing
-from sumo_hmdp.prediction.policy import ScheduledPolicy
+from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
 from sumo_hmdp.prediction.reading import read_maneuver
 
 # Branches are shown down to this many a vehicle; decisions use all of them.
@@ -47,11 +48,13 @@ class Belief:
         policy: how it chooses its actions, by time.
         noise: how uncertain its motion is.
         following: how it moves across the road.
+        rates: of lane changes by the incentive for them, in place of the policy's; None takes the policy's.
     """
 
     policy: ScheduledPolicy
     noise: Noise
     following: LaneFollowing = field(default_factory=LaneFollowing)
+    rates: LaneChangeRates | None = None
 
 
 @dataclass(frozen=True)
@@ -137,8 +140,10 @@ class HmdpPlanner:
             read: as `read` returns it; None reads it here.
         """
         maneuvers = self.read(scene, memory) if read is None else read
+        policies = self._policies(scene, maneuvers)
         vehicles = tuple(
-            self._predicted(other, maneuvers.get(other.id), scene.time) for other in self._minded(scene, maneuvers)
+            self._predicted(other, maneuvers.get(other.id), policies.get(other.id), scene.time)
+            for other in self._minded(scene, maneuvers)
         )
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
         return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
@@ -158,7 +163,16 @@ class HmdpPlanner:
             if v.x > scene.ego.x or own.isdisjoint({maneuvers.get(v.id, v).lane, *body_lanes(road, v.y, v.width)})
         ]
 
-    def _predicted(self, state: VehicleState, maneuver: ManeuverState | None, now: float) -> PredictedVehicle:
+    def _policies(self, scene: Scene, read: Mapping[str, ManeuverState]) -> dict[str, Policy]:
+        """Return the policies of vehicles whose lane changes are believed by their incentive, by id."""
+        belief = self.default_belief
+        if belief is None or belief.rates is None:
+            return {}
+        return lane_change_policies(scene, read, belief.rates, belief.policy.at(scene.time).longitudinal)
+
+    def _predicted(
+        self, state: VehicleState, maneuver: ManeuverState | None, policy: Policy | None, now: float
+    ) -> PredictedVehicle:
         belief = self.beliefs.get(state.id, self.default_belief)
         if belief is None:
             raise UnknownVehicleError(
@@ -171,7 +185,7 @@ class HmdpPlanner:
                 state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
             if state.speed < STANDSTILL:
                 noise = Noise(position_var=noise.position_var, lateral_var=noise.lateral_var)
-        return PredictedVehicle(state, belief.policy.at(now), noise, belief.following)
+        return PredictedVehicle(state, policy or belief.policy.at(now), noise, belief.following)
 
 
 def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float, solve_time: float) -> Decision:

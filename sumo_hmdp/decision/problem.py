@@ -26,6 +26,17 @@ class RiskAllocation(StrEnum):
     JOINT = "joint"
 
 
+class WayOut(StrEnum):
+    """What a plan must leave at the end of its horizon under `joint`; `decision/way_out.py` states it.
+
+    NONE: nothing is asked beyond the horizon.
+    BRAKING: from the last state, braking keeps the distance to every vehicle ahead, within the risk level.
+    """
+
+    NONE = "none"
+    BRAKING = "braking"
+
+
 @dataclass(frozen=True)
 class Preferences:
     """What the ego likes: the stage and terminal cost (docs/formulation.md, eqs. 12 and 13).
@@ -82,6 +93,7 @@ class PlannerSettings:
         time_headway: factor of the ego's speed under `time_headway` [s].
         rss: parameters of `rss`.
         stopping: whether the ego may come to rest within a step, as the others may.
+        way_out: what a plan must leave at the end of its horizon under `joint`.
         enforce_deadline: whether a solve ends after one period with what it has; the answer then depends on the
             machine's speed.
     """
@@ -107,6 +119,7 @@ class PlannerSettings:
     rss: RssParameters = field(default_factory=RssParameters)
     stopping: bool = False
     enforce_deadline: bool = False
+    way_out: WayOut = WayOut.NONE
 
     @property
     def distance(self) -> SafeDistance:

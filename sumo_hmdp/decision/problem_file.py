@@ -96,6 +96,7 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
             "rss_brake_max_mps2": settings.rss.brake_max,
             "stopping": settings.stopping,
             "enforce_deadline": settings.enforce_deadline,
+            "way_out": str(settings.way_out),
         },
         "ego": _state_document(problem.ego),
         "vehicles": [_vehicle_document(vehicle) for vehicle in problem.vehicles],

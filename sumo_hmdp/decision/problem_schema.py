@@ -11,6 +11,7 @@ from sumo_hmdp.decision.problem import (
     PlannerSettings,
     Preferences,
     RiskAllocation,
+    WayOut,
 )
 from sumo_hmdp.domain.distance import DistanceRule, RssParameters
 from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL
@@ -80,6 +81,7 @@ class PlannerFile(FileModel):
     rss_brake_max_mps2: Positive = 8.0
     stopping: bool = False
     enforce_deadline: bool = False
+    way_out: Literal["none", "braking"] = "none"
 
     def settings(self) -> PlannerSettings:
         """Return the settings as the planner uses them."""
@@ -116,6 +118,7 @@ class PlannerFile(FileModel):
             ),
             stopping=self.stopping,
             enforce_deadline=self.enforce_deadline,
+            way_out=WayOut(self.way_out),
         )
 
     def gains(self) -> LateralGains | None:

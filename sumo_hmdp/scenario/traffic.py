@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from sumo_hmdp.decision.lane_change_belief import LaneChangeRates
 from sumo_hmdp.decision.planner import Belief
 from sumo_hmdp.decision.problem_schema import (
     LaneFollowingFile,
@@ -135,12 +136,30 @@ class CourtesyFile(FileModel):
         return CourtesyRule(self.share, self.distance_m, self.patience_s)
 
 
+class LaneChangeRatesFile(FileModel):
+    """`traffic.belief.lane_change_rates`: probabilities of starting a lane change to one side in a period."""
+
+    unsafe: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.unsafe
+    unwanted: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.unwanted
+    undecided: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.undecided
+    wanted: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.wanted
+
+    def rates(self) -> LaneChangeRates:
+        """Return the rates as the planner uses them."""
+        return LaneChangeRates(self.unsafe, self.unwanted, self.undecided, self.wanted)
+
+
 class BeliefFile(PolicyFile, NoiseFile, LaneFollowingFile):
     """`traffic.belief`: what the planner believes of every vehicle that nobody describes.
+
+    With `lane_change_rates` the planner weighs each vehicle's lane changes by its own IDM and MOBIL, and takes these rates
+    by the incentive in place of `lateral_probs`.
 
     The present mode and the lane intent are read from the vehicle's motion; from there on it acts by this policy. Its
     lane changes take the time of `traffic.lane_changes`, unless it says otherwise.
     """
+
+    lane_change_rates: LaneChangeRatesFile | None = None
 
     def belief(self, lane_count: int, lane_change_time: float) -> Belief:
         """Return the belief as the planner uses it.
@@ -150,7 +169,8 @@ class BeliefFile(PolicyFile, NoiseFile, LaneFollowingFile):
             lane_change_time: of the background [s].
         """
         policy = ScheduledPolicy(((0.0, self.policy(lane_count)),))
-        return Belief(policy, self.noise(), self.following(lane_change_time))
+        rates = None if self.lane_change_rates is None else self.lane_change_rates.rates()
+        return Belief(policy, self.noise(), self.following(lane_change_time), rates)
 
 
 class MeasurementFile(FileModel):

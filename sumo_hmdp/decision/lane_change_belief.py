@@ -1,0 +1,127 @@
+"""How likely a vehicle of which nobody says anything starts a lane change: base rates by its MOBIL incentive.
+
+A driver changes lanes when it gains by it and nobody is endangered. The predictor weighs each vehicle's changes by its own
+IDM and MOBIL, once with the ego in the scene and once without, and takes the larger rate: the ego may have left a lane
+by the time that the vehicle enters it, so it must not see itself as a wall (docs/adr/0046).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from sumo_hmdp.domain.maneuver import ManeuverState
+from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.prediction.dynamics import FloatArray
+from sumo_hmdp.prediction.policy import Policy, Probabilities
+from sumo_hmdp.traffic.car_following import Drivers
+from sumo_hmdp.traffic.incentive import LaneScene, weigh
+from sumo_hmdp.traffic.lane_change import LaneChangeRule, Vehicles
+from sumo_hmdp.traffic.neighbours import IntArray, find_neighbours
+
+# Vehicles longer than this are taken for trucks [m].
+TRUCK_LENGTH = 8.0
+# What the predictor takes drivers to be like, whose parameters it cannot see: the mean cars and trucks of the traffic.
+CAR_SPEED, TRUCK_SPEED = 33.0, 24.0
+CAR_TIME_GAP, TRUCK_TIME_GAP = 1.2, 1.6
+POLITENESS = 0.2
+
+
+@dataclass(frozen=True)
+class LaneChangeRates:
+    """Probabilities of starting a change to one side in a period, by the incentive for it.
+
+    The defaults were counted in recorded traffic that no test uses (analysis/13_lane_change_rates.py).
+
+    Attributes:
+        unsafe: where MOBIL finds the change unsafe, or there is no room; the floor of all rates.
+        unwanted: incentive below `UNDECIDED`.
+        undecided: incentive from there to `WANTED`.
+        wanted: incentive above it.
+    """
+
+    unsafe: float = 0.0005
+    unwanted: float = 0.001
+    undecided: float = 0.011
+    wanted: float = 0.107
+
+
+# Incentives at which the rate changes [m/s2].
+UNDECIDED, WANTED = -0.5, 0.2
+
+
+def lane_change_policies(
+    scene: Scene, read: Mapping[str, ManeuverState], rates: LaneChangeRates, longitudinal: Probabilities
+) -> dict[str, Policy]:
+    """Return a policy for each vehicle whose maneuver was read.
+
+    Args:
+        scene: the ego and all others.
+        read: lane intent and mode of the vehicles in question, by id.
+        rates: of lane changes.
+        longitudinal: distribution over the next mode, for all.
+    """
+    if not read:
+        return {}
+    others = [other for other in scene.others if other.id in read]
+    lanes = [read[other.id].lane for other in others]
+    level = np.maximum(_levels(scene.road, others, lanes, None), _levels(scene.road, others, lanes, scene.ego))
+    by_level = (rates.unsafe, rates.unwanted, rates.undecided, rates.wanted)
+    return {
+        other.id: _policy(scene.road.lane_count, lane, by_level[left], by_level[right], rates.unsafe, longitudinal)
+        for other, lane, (left, right) in zip(others, lanes, level.tolist(), strict=True)
+    }
+
+
+@lru_cache(maxsize=1024)
+def _policy(lane_count: int, lane: int, left: float, right: float, floor: float, longitudinal: Probabilities) -> Policy:
+    """Return a policy: the rates of now in the present lane, the floor in every other."""
+    other = (floor, 1.0 - 2 * floor, floor)
+    here = (left, 1.0 - left - right, right)
+    return Policy(tuple(here if row == lane else other for row in range(1, lane_count + 1)), longitudinal)
+
+
+def _levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState | None) -> IntArray:
+    """Return how much each vehicle wants to change to the left and to the right, 0 (unsafe) to 3 (wanted), (n, 2)."""
+    states = [*others, *([] if ego is None else [ego])]
+    intended = np.array([*lanes, *([] if ego is None else [ego.lane])], dtype=np.intp)
+    x, y, speed, length = np.array([(s.x, s.y, s.speed, s.length) for s in states]).T
+    here = np.array([road.lane_at(value) for value in y.tolist()], dtype=np.intp)
+    vehicles = Vehicles(
+        x,
+        speed,
+        intended,
+        np.where(here != intended, here, 0),
+        length,
+        np.full(len(x), POLITENESS),
+        _drivers(speed, length),
+    )
+    rule, level = LaneChangeRule(), np.zeros((len(others), 2), dtype=np.intp)
+    near = find_neighbours(x, vehicles.lane, vehicles.second_lane, road.lane_count, length)
+    lane_scene = LaneScene.of(vehicles, near, road.lane_count, None, rule.idm)
+    for side in (0, 1):
+        there = intended[: len(others)] + 2 * side - 1
+        # Who is changing lanes finishes that first.
+        free = (there >= 1) & (there <= road.lane_count) & (vehicles.second_lane[: len(others)] == 0)
+        changer = np.flatnonzero(free)
+        if not len(changer):
+            continue
+        weighed = weigh(lane_scene, rule, vehicles.politeness, np.full(len(changer), side, dtype=np.intp), changer)
+        wants = 1 + (weighed.incentive > UNDECIDED).astype(np.intp) + (weighed.incentive > WANTED)
+        level[changer, side] = np.where(weighed.safe, wants, 0)
+    return level
+
+
+def _drivers(speed: FloatArray, length: FloatArray) -> Drivers:
+    """Return what drivers are taken to be like; nobody wants to be slower than it is."""
+    truck, ones = length > TRUCK_LENGTH, np.ones(len(speed))
+    return Drivers(
+        desired_speed=np.maximum(speed, np.where(truck, TRUCK_SPEED, CAR_SPEED)),
+        min_gap=2.0 * ones,
+        time_gap=np.where(truck, TRUCK_TIME_GAP, CAR_TIME_GAP),
+        accel=1.4 * ones,
+        decel=2.0 * ones,
+        exponent=4.0 * ones,
+    )
