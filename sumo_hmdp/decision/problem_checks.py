@@ -13,7 +13,6 @@ from sumo_hmdp.prediction.dynamics import LateralGains
 from sumo_hmdp.prediction.policy import dead_end, sums_to_one
 from sumo_hmdp.validation import shown
 
-
 GAIN_KEYS = ("lateral_gain_k1_ps2", "lateral_gain_k2_ps")
 VEHICLE_WIDTH: float = StateFile.model_fields["width_m"].default
 # Ramps and side streets that lead onto the road are within this [m]; who is farther away is not meant.
