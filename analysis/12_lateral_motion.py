@@ -1,9 +1,9 @@
 """How the highway's traffic moves across the road, against what is predicted of it.
 
-Drives through `highway` with an ego that decides nothing, on seeds that no test uses. Prints how much vehicles leave the
-centre of their lane while they keep it, how exactly a step of a lane change is predicted, and the mean error of y after
-the horizon for vehicles in the middle of a lane change: by the paper's law, and by that of lane changes that take their
-time.
+Drives through `highway` with an ego that decides nothing, on seeds that no test uses. Prints how much vehicles leave
+the centre of their lane while they keep it, how exactly a step of a lane change is predicted, and the mean error of y
+after the horizon for vehicles in the middle of a lane change: by the paper's law, and by that of lane changes that take
+their time.
 
     python analysis/12_lateral_motion.py --first 101 --seeds 4
 """
