@@ -154,15 +154,17 @@ def _occupied(branches: Branches, road: Road, settings: PlannerSettings) -> _Occ
     later: NDArray[np.bool_] = lanes[:, :, None] == branches.lanes.T
     if settings.occupancy is Occupancy.SWEPT:
         y, widths = np.array([v.y for v in vehicles]), np.array([v.width for v in vehicles])
-        margin_now, margin = _lateral_margins(branches, settings)
-        now |= bodies_over(road, y, widths + 2 * margin_now).T
-        later |= _bodies_later(branches, road, settings, widths, margin)
+        z, spread = _lateral_margins(branches, settings)
+        largest = np.zeros(len(vehicles))
+        np.maximum.at(largest, branches.vehicle, z)
+        now |= bodies_over(road, y, widths + 2 * largest * spread[:, 0]).T
+        later |= _bodies_later(branches, road, settings, z, spread[:, 1:])
     now.flags.writeable = later.flags.writeable = False
     return _Occupied(now.T, later.T)
 
 
 def _bodies_later(
-    branches: Branches, road: Road, settings: PlannerSettings, widths: FloatArray, margin: FloatArray
+    branches: Branches, road: Road, settings: PlannerSettings, z: FloatArray, spread: FloatArray
 ) -> NDArray[np.bool_]:
     """Tell which lanes the bodies of branches are over at the end of each step, (lanes, H, B).
 
@@ -170,35 +172,37 @@ def _bodies_later(
         branches: the branches.
         road: the lanes.
         settings: of the planner.
-        widths: of the vehicles, (V,) [m].
-        margin: (B, H) by which a body counts as wider on either side [m].
+        z: (B,) how many standard deviations a body counts as wider on either side.
+        spread: (V, H) standard deviation of y [m].
     """
-    prediction, rows, of_branch = settings.prediction(), lane_changing(branches), branches.vehicle
+    prediction, of_branch = settings.prediction(), branches.vehicle
+    widths = np.array([v.state.width for v in branches.vehicles])[:, None]
     keeping = lane_keeping_means(branches, road, prediction)
-    if margin.any():
-        y = keeping.T.take(of_branch, axis=1).T
-        y[rows] = lane_change_means(branches, rows, road, prediction)
-        return np.asarray(bodies_over(road, y, widths[of_branch, None] + 2 * margin).T)
-    # Most branches stay in their lane, and those of a vehicle are the same then.
-    over = bodies_over(road, keeping, widths[:, None]).T.take(of_branch, axis=2)
+    # Most branches stay in their lane. Those of a vehicle are the same then, but for z under `mixture`.
+    some = np.zeros(len(branches.vehicles))
+    some[of_branch] = z
+    rows = lane_changing(branches)
+    if np.array_equal(some[of_branch], z):
+        wide = widths + 2 * some[:, None] * spread
+        over = bodies_over(road, keeping, wide).T.take(of_branch, axis=2)
+    else:
+        wide = widths[of_branch] + 2 * z[:, None] * spread[of_branch]
+        over = bodies_over(road, keeping[of_branch], wide).T
     if len(rows):
-        means = lane_change_means(branches, rows, road, prediction)
-        over[:, :, rows] = bodies_over(road, means, widths[of_branch[rows], None]).T
+        mine = of_branch[rows]
+        wide = widths[mine] + 2 * z[rows, None] * spread[mine]
+        over[:, :, rows] = bodies_over(road, lane_change_means(branches, rows, road, prediction), wide).T
     return np.asarray(over)
 
 
 def _lateral_margins(branches: Branches, settings: PlannerSettings) -> tuple[FloatArray, FloatArray]:
-    """Return z sqrt(Q_yy) of each vehicle now, (V,), and of each branch after each step, (B, H) [m] (eq. 34).
+    """Return z of each branch, (B,), and sqrt(Q_yy) of each vehicle now and after each step, (V, 1 + H) [m] (eq. 34).
 
-    Now the largest z of a vehicle's branches counts. The paper's law, whose variance grows like that along x, has none.
+    Zeros by the paper's law: its variance grows like that along x.
     """
-    H, V = settings.horizon_steps, len(branches.vehicles)
-    if settings.gains is not None or not V:
-        return np.zeros(V), np.zeros((len(branches.vehicle), H))
-    spread, z = lateral_spread(branches, settings.prediction()), quantiles(branches, settings)
-    largest = np.zeros(V)
-    np.maximum.at(largest, branches.vehicle, z)
-    return largest * spread[:, 0], (spread[:, 1:].T.take(branches.vehicle, axis=1) * z).T
+    if settings.gains is not None:
+        return np.zeros(len(branches.vehicle)), np.zeros((len(branches.vehicles), 1 + settings.horizon_steps))
+    return quantiles(branches, settings), lateral_spread(branches, settings.prediction())
 
 
 def lanes_along(problem: DecisionProblem, laterals: tuple[Lateral, ...]) -> NDArray[np.bool_]:

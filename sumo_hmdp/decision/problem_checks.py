@@ -5,12 +5,18 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sumo_hmdp.decision.problem_schema import LATERAL_KEYS, ProblemFile, lateral_form
+from sumo_hmdp.decision.problem_schema import LATERAL_KEYS, ProblemFile, StateFile, lateral_form
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import Problem
+from sumo_hmdp.prediction.dynamics import LateralGains
 from sumo_hmdp.prediction.policy import dead_end, sums_to_one
 from sumo_hmdp.validation import shown
+
+GAIN_KEYS = ("lateral_gain_k1_ps2", "lateral_gain_k2_ps")
+VEHICLE_WIDTH: float = StateFile.model_fields["width_m"].default
+# Ramps and side streets that lead onto the road are within this [m]; who is farther away is not meant.
+BESIDE = 15.0
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,9 @@ def cross_checks(raw: RawDocument) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     yield from _lane_checks(raw)
     yield from _line_checks(raw)
-    yield from planner_checks(raw.get("planner"), "planner")
+    yield from _place_checks(raw)
+    # Under `target` no decision hangs on y.
+    yield from planner_checks(raw.get("planner"), "planner", y_counts=raw.get("planner", "occupancy") == "swept")
     start, horizon = raw.get("start_plan"), raw.integer("planner", "horizon_steps")
     if isinstance(start, list) and horizon is not None and len(start) != horizon:
         yield Problem(
@@ -101,9 +109,53 @@ def _line_checks(raw: RawDocument) -> Iterator[Problem]:
             )
 
 
-def planner_checks(planner: Any, path: str) -> Iterator[Problem]:  # noqa: ANN401 - anything may stand in a file
-    """Check the relations between the planner's keys."""
+def _place_checks(raw: RawDocument) -> Iterator[Problem]:
+    """Check that the ego's body is on the road, and that nobody is far beside it."""
+    count, width = raw.lane_count(), raw.number("lanes", "width_m")
+    if count is None or width is None or width <= 0:
+        return
+    holders: list[tuple[tuple[str | int, ...], str, float]] = [(("ego",), "ego", 0.0)]
+    holders += [(("vehicles", i), f"vehicles[{i}]", BESIDE) for i in range(_length(raw.get("vehicles")))]
+    for place, path, beside in holders:
+        y, body = raw.number(*place, "y_m"), raw.number(*place, "width_m")
+        reach = (count * width + (VEHICLE_WIDTH if body is None else body)) / 2 + beside
+        if y is not None and abs(y) > reach:
+            near = f" or within {beside:g} m of it" if beside else ""
+            message = f"must be within {-reach:g}..{reach:g} m, where a body is on the road{near}, got {y:g} m"
+            yield Problem(f"{path}.y_m", f"{message}; y is 0 in the middle of the road and grows to the left")
+
+
+def _lateral_checks(raw: RawDocument, path: str, *, y_counts: bool) -> Iterator[Problem]:
+    """Check how others move across the road: which law, and that the paper's does not overshoot."""
+    model, named = raw.get("lateral_model"), [key for key in GAIN_KEYS if raw.get(key) is not None]
+    if model == "lane_change" and named:
+        message = f"must go with lateral_model pd, got lane_change; leave {named[0]} out, or take pd"
+        yield Problem(f"{path}.{named[0]}", message)
+    k1, period = raw.number("lateral_gain_k1_ps2"), raw.number("period_s")
+    if period is None or not (model == "pd" or (named and model is None and y_counts)):
+        return
+    gain = LateralGains().k1 if k1 is None else k1
+    # At the limit itself a step leads to the centre of the lane.
+    if not LateralGains(gain).stable(period):
+        share = gain * period**2 / 2
+        message = (
+            f"must be at most 2 / period_s^2 = {2 / period**2:g} 1/s2 with lateral_model pd, got {gain:g} "
+            f"(K1 T^2 / 2 = {share:g} > 1: each step of a lane change overshoots); lower it or period_s, or take "
+            "lateral_model lane_change"
+        )
+        yield Problem(f"{path}.lateral_gain_k1_ps2", message)
+
+
+def planner_checks(planner: Any, path: str, *, y_counts: bool = True) -> Iterator[Problem]:  # noqa: ANN401
+    """Check the relations between the planner's keys.
+
+    Args:
+        planner: what the file holds; anything may stand in it.
+        path: of it.
+        y_counts: whether anything follows from where others are across the road.
+    """
     raw = RawDocument(planner)
+    yield from _lateral_checks(raw, path, y_counts=y_counts)
     low, high = raw.number("speed_min_mps"), raw.number("speed_max_mps")
     if low is not None and high is not None and low > high:
         yield Problem(f"{path}.speed_min_mps", f"must be at most speed_max_mps ({high} m/s), got {low} m/s")

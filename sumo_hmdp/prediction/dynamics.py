@@ -58,7 +58,7 @@ class LateralGains:
 
     def stable(self, period: float) -> bool:
         """Tell whether a step of `period` [s] does not overshoot the lane, K1 T^2 / 2 <= 1."""
-        return self.k1 * period**2 / 2 <= 1.0
+        return self.k1 * period**2 / 2 <= 1.0 + 1e-9
 
 
 def state_matrix(lateral: Lateral, period: float, gains: LateralGains) -> FloatArray:

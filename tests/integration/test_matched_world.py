@@ -12,6 +12,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionSettings, predict
 from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.lateral import LaneFollowing, forecast
 from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.study.run import execute
@@ -126,7 +127,7 @@ def covered(scale):
     noise = Noise(
         process_position_var=NOISE.process_position_var * scale**2, process_speed_var=NOISE.process_speed_var * scale**2
     )
-    model = MatchedModel(ScheduledPolicy(((0.0, POLICY),)), noise, PERIOD, accel=2.0, lane_change_time=4.0)
+    model = MatchedModel(ScheduledPolicy(((0.0, POLICY),)), noise, PERIOD, accel=2.0, following=LaneFollowing())
     counts = np.zeros(STEPS, dtype=int)
     for seed in range(DRAWS):
         path = draw_path(START, model, ROAD, STEPS * PERIOD, seed)
@@ -145,3 +146,82 @@ def test_what_is_predicted_is_what_comes_and_more_noise_is_noticed():
     # One step of one mode would leave 2 Phi(1.645 / 2) - 1 = 59 %; the modes' own spread is as it was.
     assert doubled[0] == pytest.approx(0.589 * DRAWS, abs=4 * math.sqrt(DRAWS * 0.589 * 0.411))
     assert (doubled < low).all()
+
+
+SIDEWAYS = Noise(process_lateral_var=0.02)
+CHANGER = Policy(((0.0, 1.0, 0.0), (0.3, 0.7, 0.0), (0.0, 1.0, 0.0)), (0.0, 1.0, 0.0))
+
+
+def test_across_the_road_it_moves_as_it_is_predicted():
+    following, steps, draws = LaneFollowing(change_time=3.0, keeping_time=1.5), 8, 400
+    model = MatchedModel(ScheduledPolicy(((0.0, CHANGER),)), SIDEWAYS, PERIOD, accel=2.0, following=following)
+    errors = []
+    for seed in range(draws):
+        path = draw_path(START, model, ROAD, steps * PERIOD, seed)
+        lanes = [START.lane, *(period.successor.lane for period in path.periods[:steps])]
+        foreseen = forecast(START, SIDEWAYS, following, ROAD, np.diff(lanes)[None], PERIOD)
+        driven = np.array([path.at(k * PERIOD).y for k in range(steps + 1)])
+        assert driven[0] == foreseen.y[0, 0] == 0.0
+        errors.append((driven - foreseen.y[0])[1:] / foreseen.std[1:])
+    # Nearly all have changed lanes by the end. Four standard errors of mean and variance.
+    assert np.mean(errors, axis=0) == pytest.approx(np.zeros(steps), abs=4 / math.sqrt(draws))
+    assert np.var(errors, axis=0) == pytest.approx(np.ones(steps), abs=4 * math.sqrt(2 / draws))
+
+
+LEADER_LEAVES = """
+name: leader_leaves
+description: A slow leader certainly leaves the ego's lane, and takes its time.
+network: highway_3x4m
+lanes: {count: 3, width_m: 4.0}
+duration_s: 8.0
+dt_s: 0.2
+noise: true
+ego: {x_m: 0.0, lane: 2, speed_mps: 20.0, motion: point_mass, lane_change_time_s: 4.0}
+vehicles:
+- id: leader
+  x_m: 31.0
+  lane: 2
+  speed_mps: 8.0
+  driver: {kind: constant_speed}
+  policy:
+  - lateral_probs:
+      1: {left: 0.0, keep: 1.0, right: 0.0}
+      2: {left: 1.0, keep: 0.0, right: 0.0}
+      3: {left: 0.0, keep: 1.0, right: 0.0}
+    longitudinal_probs: {accelerate: 0.0, cruise: 1.0, decelerate: 0.0}
+  process_position_var_m2: 0.01
+planner: hmdp_mpc
+planners:
+  hmdp_mpc:
+    period_s: PERIOD
+    horizon_steps: 3
+    accel_mps2: 2.0
+    speed_min_mps: 0.0
+    speed_max_mps: 40.0
+    safe_distance_m: 10.0
+    risk_level: 0.05
+    risk_allocation: uniform
+    account_pruned: true
+    sequence_threshold: 1.0e-5
+    maneuver_cost: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    speed_weight: 1.0
+    desired_speed_mps: 40.0
+    speed_deadband_mps: 1.3
+    forbidden_lanes: [1, 3]
+    stopping: true
+"""
+
+
+@pytest.mark.parametrize("period", ["0.8", "1.0", "1.2"])
+def test_the_body_of_a_leader_that_leaves_is_heeded_until_it_has_left(tmp_path, period):
+    file = tmp_path / "leader_leaves.yaml"
+    file.write_text(LEADER_LEAVES.replace("PERIOD", period), encoding="utf-8")
+    record = execute(load_scenario(file, RunOptions(solver="search", seed=1)))
+    assert record.status == "completed", record.reason
+    assert record.row["contact_count"] == 0
+    assert "fallback" not in set(record.decisions.status)
+    rows = record.steps.pivot(index="time_s", columns="vehicle_id", values=["x_m", "y_m"])
+    # 1.8 m wide, it is over the line between lanes 1 and 2 up to y = 2.9 m: so long its 4.5 m are ahead of the ego.
+    over = rows["y_m"]["leader"] < 2.9 - 1e-6
+    assert over.sum() * 0.2 > 2.5
+    assert (rows["x_m"]["leader"] - 4.5 > rows["x_m"]["ego"])[over].all()

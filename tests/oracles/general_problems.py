@@ -81,6 +81,9 @@ def _sweep(rng, problem):
             reach = problem["lanes"]["width_m"] * problems._pick(rng, [0.6, 1.1, 1.7], [0.6, 0.35, 0.05])
             body["y_m"] += problems._uniform(rng, -reach, reach) + 0.003137
             body["lateral_speed_mps"] = problems._uniform(rng, -1.5, 1.5)
+    # The ego's body is on the road.
+    edge = problem["lanes"]["count"] * problem["lanes"]["width_m"] / 2
+    problem["ego"]["y_m"] = min(max(problem["ego"]["y_m"], -edge), edge)
 
 
 def _space(rng, planner):

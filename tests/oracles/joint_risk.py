@@ -41,7 +41,7 @@ def slack(brute_force, problem, vehicle, states):
     sigmas = prediction.position_sigmas(problem, vehicle)
     for (_, actions), eps in zip(sequences, prediction.branch_risks(problem, sequences), strict=True):
         z = -prediction.NormalDist().inv_cdf(eps)
-        path = prediction.branch_path(problem, vehicle, actions)
+        path = prediction.branch_path(problem, vehicle, actions, z, z)
         for k in range(1, len(path)):
             lanes, x, speed = path[k]
             ego = states[k]
