@@ -203,6 +203,8 @@ def summary_table(record: "RunRecord") -> "Table":
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False, box=None, padding=(0, 0, 0, 2))
     if record.reason:
         table.add_row("why", record.reason)
+    for sentence in record.manifest["contact_disagreements"]:
+        table.add_row("note", sentence)
     # What was published is of the scenario's own planner.
     own = record.row["planner"] == record.manifest["configuration"]["planner"]
     published = (record.manifest["configuration"].get("published") or {}) if own else {}
