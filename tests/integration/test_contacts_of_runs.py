@@ -6,7 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sumo_hmdp.scenario.load import RunOptions, load_scenario
+from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.record import Trace
 from sumo_hmdp.study.run import execute, save
 
@@ -56,3 +56,16 @@ def test_tables_and_manifest_tell_of_a_contact(tmp_path):
     row = pd.read_parquet(next((tmp_path / "runs").glob("*.parquet"))).iloc[0]
     assert row["contact_first_s"] == pytest.approx(4.4375, abs=1e-6)
     assert json.loads(next((tmp_path / "manifests").glob("*.json")).read_text())["contact_disagreements"] == named
+
+
+@pytest.mark.parametrize("dt", [0.2, 0.4])
+def test_a_point_mass_is_where_its_plan_puts_it(dt):
+    """Each period of one acceleration covers v T + a T^2 / 2, whatever the step (docs/formulation.md, eq. 33)."""
+    changes = {"dt_s": dt, "duration_s": 4.0, "noise": False, "vehicles[0].x_m": 60.0}
+    record = execute(load_scenario(find_scenario("matched_tight"), RunOptions(overrides=changes)), detailed=False)
+    ego = record.steps[record.steps["vehicle_id"] == "ego"]
+    ego = ego.set_index(ego["time_s"].round(6))
+    plans = [(row.time_s, json.loads(row.plan_json)[0]) for row in record.decisions.itertuples()]
+    assert len({round(step["speed_mps"], 6) for _, step in plans}) > 1
+    for time, step in plans:
+        assert ego.loc[round(time + 0.8, 6), "x_m"] == pytest.approx(step["x_m"], abs=1e-6)

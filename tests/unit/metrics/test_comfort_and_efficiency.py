@@ -41,7 +41,7 @@ def test_a_circle(run_of):
 
 
 def test_a_spin_that_winds_up(run_of):
-    # Yaw acceleration 2 rad/s2: outside all the time. The yaw rate is beyond 0.95 from 0.475 s on, before the first mean.
+    # Yaw acceleration 2 rad/s2: outside all the time. The yaw rate is beyond 0.95 from 0.475 s on.
     time = np.arange(0, 10.0001, 0.01)
     run = run_of(time, ego={"x": time, "heading": time**2})
     assert (value("yaw_accel_outside_share", run), value("yaw_rate_outside_share", run)) == (1.0, 1.0)

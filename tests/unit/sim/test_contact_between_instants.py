@@ -93,13 +93,17 @@ def test_touching_is_no_contact_also_after_rounding(gap):
 LEAVING = 0.15  # heading of a vehicle in the middle of a lane change of 4 s at 20 m/s [rad]
 CASES = {
     # A leader on its way to the left is clipped at its rear right corner by an ego that drives straight on.
-    "leaving leader": ((vehicle(speed=30.0), 6.0, 0.0), vehicle("a", x=6.0, y=2.0, heading=LEAVING), 2.0, 0.3, Side.FRONT, True),
+    "leaving leader": (
+        (vehicle(speed=30.0), 6.0, 0.0), vehicle("a", x=6.0, y=2.0, heading=LEAVING), 2.0, 0.3, Side.FRONT, True,
+    ),
     "the same, not turned": ((vehicle(speed=30.0), 6.0, 0.0), vehicle("a", x=6.0, y=1.4), 2.0, 0.3, Side.FRONT, True),
     "comes over into the ego": ((vehicle(), 4.0, 0.0), vehicle("a", x=1.0, y=2.0), 4.0, -0.4, Side.SIDE, False),
     "comes over before it": ((vehicle(), 4.0, 0.0), vehicle("a", x=4.3, y=2.0), 3.9, -0.4, Side.SIDE, False),
     "the ego comes over": ((vehicle(), 4.0, 0.4), vehicle("a", x=1.0, y=2.0), 4.0, 0.0, Side.SIDE, True),
     "both come over": ((vehicle(), 4.0, 0.2), vehicle("a", x=1.0, y=2.0), 4.0, -0.2, Side.SIDE, True),
-    "the ego gives way, the other is faster": ((vehicle(), 4.0, -0.2), vehicle("a", x=1.0, y=1.9), 4.0, -0.6, Side.SIDE, False),
+    "the ego gives way, the other is faster": (
+        (vehicle(), 4.0, -0.2), vehicle("a", x=1.0, y=1.9), 4.0, -0.6, Side.SIDE, False,
+    ),
     "exchange of lanes side by side": ((vehicle(), 4.0, 4.0), vehicle("a", x=1.0, y=4.0), 4.0, -4.0, Side.SIDE, True),
     "hit from behind": ((vehicle(), 4.0, 0.0), vehicle("a", x=-5.0), 6.0, 0.0, Side.REAR, False),
     "hit from behind while it changes": ((vehicle(), 4.0, 0.4), vehicle("a", x=-5.0), 6.0, 0.0, Side.REAR, False),

@@ -48,7 +48,7 @@ def test_contacts_that_only_one_list_has_are_told():
     recorder = Recorder("r")
     both, bodies = (Contact(name, Side.FRONT, at_fault=True, time=4.4375) for name in ("both", "bodies"))
     recorder.observe(replace(QUIET, contacts=(both, bodies), sumo_contacts=(("ego", "both"), ("only", "ego"))))
-    # They become the column "contact_disagreement_count"; "contact_first_s" is the time of the first of the bodies' own.
+    # They become the column "contact_disagreement_count"; "contact_first_s" is the first time of the bodies' own.
     assert recorder.disagreements() == [
         "SUMO lists a contact with only, which the bodies did not have",
         "SUMO does not list the contact with bodies at 4.44 s",
