@@ -187,6 +187,7 @@ SUMMARY = (
     ("speed_mean_mps", "mean speed", "m/s", 2),
     ("gap_min_m", "smallest gap", "m", 1),
     ("ttc_min_s", "smallest time to collision", "s", 1),
+    ("distance_shortfall_max_m", "worst shortfall of the safe distance", "m", 1),
     ("lane_change_count", "lane changes", "", 0),
     ("lane_change_first_s", "first lane-change decision at", "s", 2),
     ("decision_count", "decisions", "", 0),

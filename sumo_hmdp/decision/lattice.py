@@ -10,7 +10,7 @@ lattice of whole speed steps. The level n counts such a step as no change from t
 keeps telling the speed, together with the phase: 0 before such a stop and 1 after it.
 
 An ego outside its speed limits goes back to them as fast as its modes allow: until it is inside, the speeds of that way
-are allowed as well (docs/formulation.md, eq. 32).
+are allowed as well (docs/formulation.md, eq. 36).
 """
 
 import math
@@ -91,7 +91,7 @@ class EgoLattice:
         return self.speed + self.speed_step * level
 
     def limits(self, step: int) -> tuple[float, float]:
-        """Return the least and the greatest allowed speed at the end of a step [m/s] (docs/formulation.md, eq. 32)."""
+        """Return the least and the greatest allowed speed at the end of a step [m/s] (docs/formulation.md, eq. 36)."""
         braked = self.speed - self.speed_step * (step - (self.mode > 0))
         accelerated = self.speed + self.speed_step * (step - (self.mode < 0))
         return min(self.speed_min, accelerated), max(self.speed_max, braked)

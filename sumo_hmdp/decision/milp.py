@@ -185,12 +185,12 @@ def not_ahead_of_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 
 def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: n_min_k <= n_k (docs/formulation.md, eq. 32)."""
+    """Row: n_min_k <= n_k (docs/formulation.md, eq. 36)."""
     return model.data.level_min[k] <= speed_level(model, k)
 
 
 def speed_not_above(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: (v_k - v_0) / (accel T) <= n_max_k (docs/formulation.md, eq. 32)."""
+    """Row: (v_k - v_0) / (accel T) <= n_max_k (docs/formulation.md, eq. 36)."""
     return speed_gain(model, k) <= model.data.level_max[k]
 
 

@@ -45,7 +45,7 @@ def _metric(
 
 _CONTACTS = (
     "vehicles whose body the ego's meets in the last step of the run, through which all bodies move evenly; touching "
-    "is none (docs/contacts.md)"
+    "is none (docs/contact-rules.md)"
 )
 _DISAGREEMENTS = "vehicles with which the bodies or SUMO's own list have a contact, but not both; not in traffic"
 _TIMED = "a decision's time is known"

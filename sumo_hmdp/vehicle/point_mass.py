@@ -1,4 +1,4 @@
-"""A point that moves exactly as told (docs/formulation.md, eq. 33).
+"""A point that moves exactly as told (docs/formulation.md, eq. 37).
 
     v+ = v + a dt,   x+ = x + v dt + a dt^2 / 2,   y by a quintic over the lane-change time,
 
@@ -88,7 +88,7 @@ def change_lane(state: PointMass, lane: int, y_end: float, duration: float) -> P
 
 
 def advance(state: PointMass, accel: float, dt: float) -> PointMass:
-    """Move the point by one step, exactly (docs/formulation.md, eq. 33).
+    """Move the point by one step, exactly (docs/formulation.md, eq. 37).
 
     Args:
         state: at the beginning.

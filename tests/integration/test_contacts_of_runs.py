@@ -60,7 +60,7 @@ def test_tables_and_manifest_tell_of_a_contact(tmp_path):
 
 @pytest.mark.parametrize("dt", [0.2, 0.4])
 def test_a_point_mass_is_where_its_plan_puts_it(dt):
-    """Each period of one acceleration covers v T + a T^2 / 2, whatever the step (docs/formulation.md, eq. 33)."""
+    """Each period of one acceleration covers v T + a T^2 / 2, whatever the step (docs/formulation.md, eq. 37)."""
     changes = {"dt_s": dt, "duration_s": 4.0, "noise": False, "vehicles[0].x_m": 60.0}
     record = execute(load_scenario(find_scenario("matched_tight"), RunOptions(overrides=changes)), detailed=False)
     ego = record.steps[record.steps["vehicle_id"] == "ego"]

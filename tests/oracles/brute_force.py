@@ -208,7 +208,7 @@ def ego_motion(problem, x, speed, mode, mode_before=0):
     """Return (x, speed) of the ego after a step with the mode AFTER its action, or None outside the limits (11).
 
     Outside them are also the speeds on the way back: of an ego that brakes, or that has accelerated and cannot brake
-    yet; below the least speed likewise (32)."""
+    yet; below the least speed likewise (36)."""
     planner = problem["planner"]
     T, accel = planner["period_s"], planner["accel_mps2"]
     stops = setting(problem, "stopping") and planner["speed_min_mps"] == 0.0
