@@ -115,7 +115,7 @@ def enumeration(problem: DecisionProblem, lattice: EgoLattice, corridors: Corrid
             if abs(mode - (modes[-1] if modes else problem.ego.mode)) > 1:
                 continue
             motion = lattice.walk((*modes, mode))[-1]
-            if not lattice.allows(motion.level):
+            if not lattice.allows(motion.level, step=k + 1):
                 continue
             for following, at in enumerate(lanes):
                 if moves[node][following] and low[following] <= motion.point <= high[following]:

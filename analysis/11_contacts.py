@@ -30,7 +30,7 @@ HEAD = """# Contacts
 
 Written by `python analysis/11_contacts.py DIR ... --page docs/contacts.md`: every run of the studies {studies}
 that ended in a contact, done again with the same trace. `sumo-hmdp replay DIR RUN_ID` shows one.
-*At fault* is the rule of docs/metrics.md: the ego's front, or its side while it changes lanes.
+*At fault* is the rule of docs/contact-rules.md: the ego moved into the other.
 """
 
 

@@ -187,6 +187,7 @@ SUMMARY = (
     ("speed_mean_mps", "mean speed", "m/s", 2),
     ("gap_min_m", "smallest gap", "m", 1),
     ("ttc_min_s", "smallest time to collision", "s", 1),
+    ("distance_shortfall_max_m", "worst shortfall of the safe distance", "m", 1),
     ("lane_change_count", "lane changes", "", 0),
     ("lane_change_first_s", "first lane-change decision at", "s", 2),
     ("decision_count", "decisions", "", 0),
@@ -203,6 +204,8 @@ def summary_table(record: "RunRecord") -> "Table":
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False, box=None, padding=(0, 0, 0, 2))
     if record.reason:
         table.add_row("why", record.reason)
+    for sentence in record.manifest["contact_disagreements"]:
+        table.add_row("note", sentence)
     # What was published is of the scenario's own planner.
     own = record.row["planner"] == record.manifest["configuration"]["planner"]
     published = (record.manifest["configuration"].get("published") or {}) if own else {}

@@ -189,7 +189,8 @@ def _own_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: Maneuve
     for k, (lateral, following, motion) in enumerate(zip(sequence.laterals, sequence.modes, motions, strict=True)):
         lane += lateral
         possible = problem.road.has_lane(lane) and lane not in problem.settings.forbidden_lanes
-        if not possible or abs(following - mode) > 1 or not lattice.allows(motion.level, motion.phase):
+        possible &= abs(following - mode) <= 1 and lattice.allows(motion.level, motion.phase, step=k + 1)
+        if not possible:
             return Breach(k + 1, None, 0.0)
         mode = following
     return None

@@ -60,7 +60,7 @@ def first_contact(problem: DecisionProblem, answer: Answer, first: tuple[Lateral
         following: set[_State] = set()
         touched[:] = False
         for before in alive:
-            for after in _successors(problem, answer, before, first if k == 0 else None):
+            for after in _successors(problem, answer, before, k + 1, first if k == 0 else None):
                 met = meeting.met(k, before, after)
                 touched[answer.branches.vehicle[met]] = True
                 if not met.any():
@@ -73,9 +73,9 @@ def first_contact(problem: DecisionProblem, answer: Answer, first: tuple[Lateral
 
 
 def _successors(
-    problem: DecisionProblem, answer: Answer, before: _State, only: tuple[Lateral, Mode] | None
+    problem: DecisionProblem, answer: Answer, before: _State, step: int, only: tuple[Lateral, Mode] | None
 ) -> Iterator[_State]:
-    """Yield where the admissible actions lead, or one of them."""
+    """Yield where the admissible actions of a step lead, or one of them."""
     sweep = sweep_steps(problem)
     for lateral in Lateral:
         lanes = before.lanes.after(lateral, sweep)
@@ -84,7 +84,7 @@ def _successors(
             if not exists or abs(mode - before.mode) > 1 or only not in (None, (lateral, mode)):
                 continue
             motion = answer.lattice.advance(before.motion, int(mode))
-            if answer.lattice.allows(motion.level, motion.phase):
+            if answer.lattice.allows(motion.level, motion.phase, step=step):
                 yield _State(motion, mode, lanes)
 
 

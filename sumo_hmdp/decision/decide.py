@@ -188,7 +188,7 @@ def _answer(problem: DecisionProblem, solver: SolverPair) -> Answer:
 
 
 def _joint(situation: Situation, solver: str, started: float) -> Answer:
-    """Answer by the risk of whole plans (docs/formulation.md, eq. 38)."""
+    """Answer by the risk of whole plans (docs/formulation.md, eq. 41)."""
     choice = choose(situation, solver, Deadline(started, situation.problem.settings.period))
     if choice.sequence is None or choice.plan is None:
         failure = f"the best plan ends in contact with a probability of {choice.risk.contact:.0%}"

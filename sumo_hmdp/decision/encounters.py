@@ -2,7 +2,7 @@
 
 For every vehicle and every place of the ego, the probability that the distance falls short, that it is kept ahead, and
 that it is kept behind, summed over the vehicle's places (`prediction/places.py`); lanes do not matter here. With
-component c of vehicle i at step k, mean m and deviation sigma (docs/formulation.md, eq. 36):
+component c of vehicle i at step k, mean m and deviation sigma (docs/formulation.md, eq. 39):
 
     Pa(x) = Phi((x - d_a - m) / sigma),   Pb(x) = 1 - Phi((x + d_b - m) / sigma),   N(x) = 1 - Pa(x) - Pb(x)
 
@@ -88,7 +88,7 @@ def encounters(
     *,
     missing: bool = False,
 ) -> tuple[StepEncounters, ...]:
-    """Return what each vehicle may be to the ego at each step (docs/formulation.md, eq. 36).
+    """Return what each vehicle may be to the ego at each step (docs/formulation.md, eq. 39).
 
     Args:
         problem: the decision problem.
@@ -274,7 +274,7 @@ def _distances(
 
 
 def _sides(apart: FloatArray, ahead: FloatArray, behind: FloatArray, std: FloatArray) -> _Sides:
-    """Return on which side the distance is kept, and that it is not (docs/formulation.md, eq. 36)."""
+    """Return on which side the distance is kept, and that it is not (docs/formulation.md, eq. 39)."""
     certain = std == 0.0
     spread = np.where(certain, 1.0, std)
     kept_ahead = ndtr((apart - ahead) / spread)

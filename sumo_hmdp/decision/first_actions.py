@@ -150,7 +150,7 @@ def _objections(problem: DecisionProblem, answer: Answer, lateral: Lateral, mode
     elif lane in settings.forbidden_lanes:
         yield f"lane {lane} is forbidden"
     motion = answer.lattice.walk((mode,))[0]
-    if not answer.lattice.allows(motion.level, motion.phase):
+    if not answer.lattice.allows(motion.level, motion.phase, step=1):
         slow = motion.speed < settings.speed_min
         limit = f"below speed_min, {settings.speed_min:g}" if slow else f"above speed_max, {settings.speed_max:g}"
         yield f"{motion.speed:.2f} m/s is {limit} m/s"

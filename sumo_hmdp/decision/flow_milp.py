@@ -1,4 +1,4 @@
-"""The joint decision as a mixed-integer linear program, written in Pyomo and solved by HiGHS (eq. 40).
+"""The joint decision as a mixed-integer linear program, written in Pyomo and solved by HiGHS (eq. 43).
 
 Columns: the paper's one-hot maneuvers u[k, mode, lateral] and the flow f[e] over the arcs of the decision graph. One
 unit flows from now to the end of the horizon; each maneuver is the flow over its arcs; ONE row bounds the risk. Once

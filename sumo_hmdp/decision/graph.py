@@ -170,7 +170,7 @@ def decision_graph(problem: DecisionProblem, lattice: EgoLattice, *, closed: boo
 def motion_steps(lattice: EgoLattice, mode: Mode) -> tuple[MotionStep, ...]:
     """Return the motions of the ego, step by step (docs/formulation.md, eq. 11)."""
     H = lattice.steps
-    if not lattice.stopping and lattice.allows(-H) and lattice.allows(H):
+    if not lattice.stopping and lattice.unlimited:
         # No limit is near: the motions are the same for every decision.
         return _unlimited_motions(mode, H)
     return _motions(lattice, mode)
@@ -185,8 +185,8 @@ def _motions(lattice: EgoLattice, mode: Mode) -> tuple[MotionStep, ...]:
     zero = np.zeros(1, dtype=np.int64)
     front, steps = ModeTree(zero, np.array([int(mode)]), zero, zero, np.zeros(1)), []
     place_before = zero
-    for _ in range(lattice.steps):
-        tree = extend_modes(lattice, front, _MODES)
+    for k in range(lattice.steps):
+        tree = extend_modes(lattice, front, _MODES, lattice.limits(k + 1))
         first, after = _merged(tree)
         before, order = np.sort(tree.parent, kind="stable"), np.argsort(tree.parent, kind="stable")
         leaving, starts = np.unique(before, return_index=True)

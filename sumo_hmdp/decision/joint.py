@@ -1,4 +1,4 @@
-"""The joint decision: the cheapest plan whose risk is within epsilon, else the least bad one (eq. 38)."""
+"""The joint decision: the cheapest plan whose risk is within epsilon, else the least bad one (eq. 41)."""
 
 import time
 from dataclasses import dataclass, field
@@ -113,7 +113,7 @@ class Deadline:
 
 
 def choose(situation: Situation, solver: str, deadline: Deadline, *, reduced: bool = True) -> Choice:
-    """Choose a plan (docs/formulation.md, eqs. 38 to 40).
+    """Choose a plan (docs/formulation.md, eqs. 41 to 43).
 
     Args:
         situation: of the decision.
@@ -188,7 +188,7 @@ def _relaxed(situation: Situation, least: float, solver: str, deadline: Deadline
 
 
 def relaxed_measure(risk: PlanRisk, order: RelaxedOrder) -> Weights:
-    """Return what is least in a relaxed plan, for each move and arc (docs/formulation.md, eq. 41).
+    """Return what is least in a relaxed plan, for each move and arc (docs/formulation.md, eq. 44).
 
     Both orders count a change of sides, without which driving through a vehicle would end its risk.
     """

@@ -8,6 +8,9 @@ Both are integers, so solvers meet no rounding error in a position. Where `stopp
 end below zero ends at rest instead, v^2 / (2 accel) farther on; afterwards the ego stands, or starts on the
 lattice of whole speed steps. The level n counts such a step as no change from the level just below it, so that it
 keeps telling the speed, together with the phase: 0 before such a stop and 1 after it.
+
+An ego outside its speed limits goes back to them as fast as its modes allow: until it is inside, the speeds of that way
+are allowed as well (docs/formulation.md, eq. 36).
 """
 
 import math
@@ -47,6 +50,7 @@ class EgoLattice:
         speed_min: least allowed speed [m/s].
         speed_max: greatest allowed speed [m/s].
         stopping: whether the ego may stop within a step; only ever true where it can come to that.
+        mode: of the ego now; it cannot brake in the step after one in which it accelerates, nor the other way round.
     """
 
     x: float
@@ -57,6 +61,7 @@ class EgoLattice:
     speed_min: float
     speed_max: float
     stopping: bool = False
+    mode: int = 0
 
     @property
     def speed_step(self) -> float:
@@ -85,24 +90,36 @@ class EgoLattice:
             return self.speed_step * (self.levels_to_rest + level)
         return self.speed + self.speed_step * level
 
-    def allows(self, level: int, phase: int = 0) -> bool:
-        """Tell whether the speed at a level is within the limits."""
-        speed = self.speed_at(level, phase)
-        return self.speed_min - SPEED_TOLERANCE <= speed <= self.speed_max + SPEED_TOLERANCE
+    def limits(self, step: int) -> tuple[float, float]:
+        """Return the least and the greatest allowed speed at the end of a step [m/s] (docs/formulation.md, eq. 36)."""
+        braked = self.speed - self.speed_step * (step - (self.mode > 0))
+        accelerated = self.speed + self.speed_step * (step - (self.mode < 0))
+        return min(self.speed_min, accelerated), max(self.speed_max, braked)
+
+    def allows(self, level: int, phase: int = 0, *, step: int) -> bool:
+        """Tell whether the speed at a level is within the limits of the end of a step, 1..H."""
+        low, high = self.limits(step)
+        return low - SPEED_TOLERANCE <= self.speed_at(level, phase) <= high + SPEED_TOLERANCE
+
+    @property
+    def unlimited(self) -> bool:
+        """Whether no sequence of modes can get the ego to a limit."""
+        change = self.speed_step * self.steps
+        return self.speed_min <= self.speed - change and self.speed + change <= self.speed_max
 
     @cached_property
     def ranges(self) -> tuple[dict[tuple[int, int], tuple[float, float]], ...]:
         """For each step 1..H the (level, phase) that it can end with, and between which points it then ends.
 
-        Speed limits are kept at every step; that the mode moves by one level a step is not looked at.
+        Speed limits are kept at every step (`allows`); that the mode moves by one level a step is not looked at.
         """
         before, found = [Motion(0, 0, 0.0, self.speed)] * 2, []
-        for _ in range(self.steps):
+        for step in range(1, self.steps + 1):
             reached: dict[tuple[int, int], list[Motion]] = {}
             for motion in before:
                 for mode in (-1, 0, 1):
                     after = self.advance(motion, mode)
-                    if self.allows(after.level, after.phase):
+                    if self.allows(after.level, after.phase, step=step):
                         reached.setdefault((after.level, after.phase), []).append(after)
             # The point after a step grows with the point before it, so the ends of the ranges are enough.
             ends = {key: sorted(motions, key=lambda motion: motion.point) for key, motions in reached.items()}
@@ -154,4 +171,5 @@ def ego_lattice(problem: DecisionProblem) -> EgoLattice:
         speed_min=settings.speed_min,
         speed_max=settings.speed_max,
         stopping=settings.stopping and settings.speed_min <= 0 and can_come_to_rest,
+        mode=int(problem.ego.mode),
     )

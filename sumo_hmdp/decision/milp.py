@@ -85,7 +85,7 @@ def rest_needs_braking(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 def rest_is_lowest(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: n_k - n_min <= 2 H (1 - stop_k - stand_k); only a step that would end below zero ends at rest."""
     room = 2 * model.K.last()
-    return speed_level(model, k) - model.data.level_min <= room * (1 - model.stop[k] - model.stand[k])
+    return speed_level(model, k) - model.data.level_min[k] <= room * (1 - model.stop[k] - model.stand[k])
 
 
 def one_stop(model: pyo.ConcreteModel) -> pyo.Expression:
@@ -185,13 +185,13 @@ def not_ahead_of_window(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 
 
 def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: n_min <= n_k."""
-    return model.data.level_min <= speed_level(model, k)
+    """Row: n_min_k <= n_k (docs/formulation.md, eq. 36)."""
+    return model.data.level_min[k] <= speed_level(model, k)
 
 
 def speed_not_above(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
-    """Row: (v_k - v_0) / (accel T) <= n_max."""
-    return speed_gain(model, k) <= model.data.level_max
+    """Row: (v_k - v_0) / (accel T) <= n_max_k (docs/formulation.md, eq. 36)."""
+    return speed_gain(model, k) <= model.data.level_max[k]
 
 
 def excess_of_high_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:

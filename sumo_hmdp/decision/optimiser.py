@@ -174,14 +174,16 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         for name, direction in bounds.items():
             bound = np.where(is_open, getattr(openings, name) + direction * slack, 0.0)
             windows[name][k, :count] = bound if direction else _whole_if_near(bound, lattice)
-    lowest = (lattice.speed_min - lattice.speed) / lattice.speed_step - tolerance
-    highest = (lattice.speed_max - lattice.speed) / lattice.speed_step + tolerance
+    # Shape (H, 2): by how many levels the speed may be below or above what it is now.
+    limits = np.array([lattice.limits(k + 1) for k in range(H)])
+    lowest, highest = ((limits - lattice.speed) / lattice.speed_step + np.array([-tolerance, tolerance])).T
+    floor = np.full(H, -lattice.levels_to_rest) if lattice.stopping else np.ceil(lowest)
     values: dict[str, Any] = {
         "may_accelerate": problem.ego.mode >= 0,
         "may_decelerate": problem.ego.mode <= 0,
         "start_lane": problem.ego.lane,
-        "level_min": -lattice.levels_to_rest if lattice.stopping else min(max(np.ceil(lowest), -room), room),
-        "level_max": min(max(highest + slack if lattice.stopping else np.floor(highest), -room), room),
+        "level_min": floor if lattice.stopping else np.clip(floor, -room, room),
+        "level_max": np.clip(highest + slack if lattice.stopping else np.floor(highest), -room, room),
         "speed_step": lattice.speed_step,
         "speed_error": lattice.speed - preferences.desired_speed,
         "deadband": preferences.speed_deadband,
@@ -271,15 +273,15 @@ def _windows_of(
     """Return the window that a sequence is in at each step, None where it leaves the corridors or its own limits."""
     lane, mode, window, windows = problem.ego.lane, problem.ego.mode, 0, []
     motions = lattice.walk(tuple(int(m) for m in sequence.modes))
-    for stage, lateral, following, motion in zip(
-        corridors.stages, sequence.laterals, sequence.modes, motions, strict=True
-    ):
+    steps = zip(corridors.stages, sequence.laterals, sequence.modes, motions, strict=True)
+    for step, (stage, lateral, following, motion) in enumerate(steps, start=1):
         lane += lateral
         inside = stage.moves[window] & (stage.lane == lane)
         inside &= (stage.low <= motion.point + UNIT_TOLERANCE) & (motion.point - UNIT_TOLERANCE <= stage.high)
         if corridors.levelled:
             inside &= (stage.level == motion.level) & (stage.phase == motion.phase)
-        if abs(following - mode) > 1 or not lattice.allows(motion.level, motion.phase) or not inside.any():
+        possible = abs(following - mode) <= 1 and lattice.allows(motion.level, motion.phase, step=step)
+        if not possible or not inside.any():
             return None
         mode, window = following, int(inside.argmax())
         windows.append(window)

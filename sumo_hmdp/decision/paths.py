@@ -1,4 +1,4 @@
-"""Resource-constrained shortest paths: the cheapest plan whose risk is within epsilon (docs/formulation.md, eq. 38).
+"""Resource-constrained shortest paths: the cheapest plan whose risk is within epsilon (docs/formulation.md, eq. 41).
 
 Exact label setting: a label is the cost and the resource (the risk) of one way to a node, and only ways that no other
 dominates are followed. Three bounds on what follows a node, each a backward sweep over the graph, cut it short: the
@@ -170,7 +170,7 @@ def dual(graph: DecisionGraph, cost: Weights, resource: Weights, budget: float, 
 def cheapest(
     graph: DecisionGraph, cost: Weights, resource: Weights, budget: float, bounds: Bounds | None = None
 ) -> Plan | None:
-    """Return the cheapest path whose resource is at most a budget, None where there is none (eq. 38)."""
+    """Return the cheapest path whose resource is at most a budget, None where there is none (eq. 41)."""
     known = bounds or bounds_of(graph, cost, resource)
     start = dual(graph, cost, resource, budget, known)
     if start is None or start.best.cost - start.bound <= ROUNDING:
@@ -303,7 +303,7 @@ def _undominated(node: IntArray, cost: FloatArray, resource: FloatArray) -> IntA
 
 
 def settle(graph: DecisionGraph, cost: Weights, resource: Weights, best: Plan, budget: float, bounds: Bounds) -> Plan:
-    """Return the plan that is taken among those as cheap as the best one (docs/formulation.md, eq. 39).
+    """Return the plan that is taken among those as cheap as the best one (docs/formulation.md, eq. 42).
 
     Of plans whose costs differ by less than `COST_TIE` the one of least resource, where differences below `RISK_TIE` do
     not count; among those the first in the order of maneuvers.

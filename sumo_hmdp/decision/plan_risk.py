@@ -5,7 +5,7 @@ and the one before, and the encounters of `decision/encounters.py`, the risk of 
 
     sum over i of max(0, L_ik(f) N_ik(w) + J_ik(f', f) (passes_ik(u, w) - again_ik(u, w)))
 
-(docs/formulation.md, eq. 37), and the risk of a plan is the sum over its arcs, plus the probability that the prediction
+(docs/formulation.md, eq. 40), and the risk of a plan is the sum over its arcs, plus the probability that the prediction
 dropped. By Hunter and Worsley's inequality that is at least the probability of the union, for steps that are
 independent given the places.
 """
@@ -80,7 +80,7 @@ class PlanRisk:
 
     @cached_property
     def arcs(self) -> tuple[FloatArray, ...]:
-        """Risk of each move and arc, (P, A) for each step; at the last with that of its way out (eqs. 37 and 42)."""
+        """Risk of each move and arc, (P, A) for each step; at the last with that of its way out (eqs. 40 and 45)."""
         rows = self._by_arc(self.safe)
         if self.way_out is None:
             return rows
@@ -118,7 +118,7 @@ class PlanRisk:
         return tuple(found)
 
     def of_path(self, path: Path) -> FloatArray:
-        """Return what each vehicle adds to the risk of a path at each step, (V, H) (docs/formulation.md, eq. 37)."""
+        """Return what each vehicle adds to the risk of a path at each step, (V, H) (docs/formulation.md, eq. 40)."""
         parts = []
         for step, index, taken, near, move, arc in zip(
             self.graph.steps, self.index, self.taken, self.safe, path.moves, path.arcs, strict=True
@@ -180,7 +180,7 @@ class PlanRisk:
 
 
 def plan_risk(problem: DecisionProblem, graph: DecisionGraph) -> PlanRisk:
-    """Return the risk of every plan of a decision (docs/formulation.md, eqs. 35 to 37)."""
+    """Return the risk of every plan of a decision (docs/formulation.md, eqs. 38 to 40)."""
     by_speed = problem.settings.distance_hangs_on_speed
     index = _place_index(graph, by_speed=by_speed)
     places = [step.places for step in index]

@@ -73,7 +73,7 @@ def mode_tree(lattice: EgoLattice, start_mode: Mode, first: Mode | None = None) 
         first: mode of the first step; None leaves it open.
     """
     H = lattice.steps
-    if first is None and not lattice.stopping and lattice.allows(-H) and lattice.allows(H):
+    if first is None and not lattice.stopping and lattice.unlimited:
         # No limit is near: the tree is the same for every decision.
         return _unlimited_tree(start_mode, H)
     return _grow(lattice, start_mode, first)
@@ -90,12 +90,16 @@ def _grow(lattice: EgoLattice, start_mode: Mode, first: Mode | None) -> Sequence
     zero = np.zeros(1, dtype=np.int64)
     steps = [ModeTree(zero, np.array([int(start_mode)]), zero, zero, np.zeros(1))]
     for k in range(lattice.steps):
-        steps.append(extend_modes(lattice, steps[-1], _MODES if k or first is None else np.array([int(first)])))
+        modes = _MODES if k or first is None else np.array([int(first)])
+        steps.append(extend_modes(lattice, steps[-1], modes, lattice.limits(k + 1)))
     return steps
 
 
-def extend_modes(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> ModeTree:
-    """Extend every prefix by each of some modes that is at most one level away (docs/formulation.md, eq. 11)."""
+def extend_modes(lattice: EgoLattice, before: ModeTree, modes: IntArray, limits: tuple[float, float]) -> ModeTree:
+    """Extend every prefix by each of some modes that is at most one level away (docs/formulation.md, eq. 11).
+
+    Speeds [m/s] beyond the limits of the step are left out.
+    """
     parent, choice = np.nonzero(np.abs(before.mode[:, None] - modes) <= 1)
     mode = modes[choice]
     level = before.level[parent] + mode
@@ -110,7 +114,7 @@ def extend_modes(lattice: EgoLattice, before: ModeTree, modes: IntArray) -> Mode
         level = np.where(rests, -lattice.levels_to_rest, level)
         phase = np.where(rests & (lattice.rest_share > 0), 1, phase)
     speed = _speeds(lattice, level, phase)
-    keep = (speed >= lattice.speed_min - SPEED_TOLERANCE) & (speed <= lattice.speed_max + SPEED_TOLERANCE)
+    keep = (speed >= limits[0] - SPEED_TOLERANCE) & (speed <= limits[1] + SPEED_TOLERANCE)
     return ModeTree(parent[keep], mode[keep], level[keep], phase[keep], point[keep])
 
 

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+# Bodies that overlap by less only touch: positions carry rounding [m]. Planned distances have the same tolerance.
+TOUCH = 1e-6
+
 
 class DistanceRule(StrEnum):
     """What the safe distance is; `SafeDistance` says how."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_hmdp.metrics.registry import Better, Metric, RunData
+from sumo_hmdp.metrics.safety import at_most_zero
 from sumo_hmdp.metrics.trace import BoolArray, FloatArray, Trace, greatest, least
 
 # How far ahead bodies are moved at present speed and heading [s].
@@ -80,9 +81,9 @@ def ttc2d(trace: Trace) -> FloatArray:
 
 
 def near_misses(run: RunData) -> float:
-    """Return how often a vehicle's 2-D time to collision fell below `NEAR_MISS`."""
+    """Return how often a vehicle's 2-D time to collision fell below `NEAR_MISS`; a contact is at least one."""
     near = ttc2d(run.trace) < NEAR_MISS
-    return float(np.sum(near[:1]) + np.sum(near[1:] & ~near[:-1]))
+    return max(float(np.sum(near[:1]) + np.sum(near[1:] & ~near[:-1])), float(run.contact))
 
 
 def rss_unsafe(trace: Trace, limits: RssLimits = RSS) -> BoolArray:
@@ -161,9 +162,10 @@ _FOLLOWER = "the ego's front entered a lane with a vehicle behind it in it"
 CONFLICT = (
     Metric(
         "ttc2d_min_s", "smallest 2-D time to collision", "s", Better.HIGHER,
-        "smallest time until the oriented bodies of the ego and another vehicle meet at present speed and heading",
+        "smallest time until the oriented bodies of the ego and another vehicle meet at present speed and heading; 0 "
+        "in a run with a contact",
         "another vehicle is in the run", f"inf beyond {TTC2D_HORIZON:g} s; the minimum of a longer run is lower", 1.0,
-        "", lambda run: least(ttc2d(run.trace)),
+        "", at_most_zero(ttc2d),
     ),
     Metric(
         "near_miss_count", "near misses", "", Better.LOWER,

@@ -43,6 +43,11 @@ def _metric(
     return Metric(name, label, unit, better, definition, defined, compute=compute, of_decisions=True)
 
 
+_CONTACTS = (
+    "vehicles whose body the ego's meets in the last step of the run, through which all bodies move evenly; touching "
+    "is none (docs/contact-rules.md)"
+)
+_DISAGREEMENTS = "vehicles with which the bodies or SUMO's own list have a contact, but not both; not in traffic"
 _TIMED = "a decision's time is known"
 _PLANNED = "a decision is not a rule's"
 
@@ -88,13 +93,18 @@ DECISIONS = (
         "solve_time_max_ms", "longest decision time", "ms", Better.LOWER, "longest time of predict, carve and solve",
         _TIMED, _solve_time(1.0),
     ),
-    # Counted while the run is recorded.
+    # Written down while the run is recorded.
+    Metric(
+        "contact_first_s", "time of the first contact", "s", Better.NEITHER,
+        "when the bodies met, within the last step of the run", "there is one",
+    ),
     *(
         Metric(name, label, "", Better.LOWER, definition)
         for name, label, definition in (
-            ("contact_count", "contacts", "vehicles whose body overlaps the ego's at the run's end"),
-            ("contact_at_fault_count", "contacts at fault", "by the ego's front, or its side in a lane change"),
+            ("contact_count", "contacts", _CONTACTS),
+            ("contact_at_fault_count", "contacts at fault", "those in which the ego moved into the other"),
             ("sumo_contact_count", "contacts by SUMO", "instants at which its own list names the ego; not in traffic"),
+            ("contact_disagreement_count", "contacts on one list only", _DISAGREEMENTS),
             ("tracking_failure_count", "tracking failures", "steps whose tracking problem was not solved"),
             ("deadline_miss_count", "deadline misses", "decisions that took longer than the period"),
         )

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import pandas as pd
 
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.shortfall import KeptDistance
 from sumo_hmdp.metrics.trace import Trace
 from sumo_hmdp.validation import nearest
 
@@ -28,11 +29,17 @@ class RunData:
         trace: the run as arrays.
         decisions: its `decisions` table.
         desired_speed: of the ego, None where its planner has none [m/s].
+        contact: whether the ego met another body in the last step.
+        front_contact: whether it did so with its front.
+        kept: the distances that its planner kept, None for a planner without any.
     """
 
     trace: Trace
     decisions: pd.DataFrame
     desired_speed: float | None = None
+    contact: bool = False
+    front_contact: bool = False
+    kept: KeptDistance | None = None
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,11 @@
 """How near the ego came to others, along its path; conflicts across it are in conflict.py."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sumo_hmdp.metrics.registry import Better, Metric, RunData
+from sumo_hmdp.metrics.shortfall import worst_shortfall
 from sumo_hmdp.metrics.trace import FloatArray, Trace, greatest, least
 
 # Where exposure to short times to collision begins [s].
@@ -71,6 +74,32 @@ def per_km(value: float, run: RunData) -> float:
     return 1000 * value / distance if distance > 0 else float("nan")
 
 
+def at_most_zero(values: Callable[[Trace], FloatArray]) -> Callable[[RunData], float]:
+    """Return a function for the least of some values, which is at most 0 in a run with a contact.
+
+    Bodies may meet between two instants, or turned, which no value at an instant shows.
+    """
+    return lambda run: least(np.append(values(run.trace), 0.0 if run.contact else np.nan))
+
+
+def _of_leaders(values: Callable[[Trace], FloatArray]) -> Callable[[RunData], float]:
+    """Return the same for vehicles ahead, whom the ego meets with its front."""
+
+    def compute(run: RunData) -> float:
+        ahead = np.where(run.trace.ahead, values(run.trace), np.nan)
+        return least(np.append(ahead, 0.0 if run.front_contact else np.nan))
+
+    return compute
+
+
+def _drac_max(run: RunData) -> float:
+    return greatest(np.append(drac(run.trace), np.inf if run.contact else np.nan))
+
+
+def _shortfall(run: RunData) -> float:
+    return float("nan") if run.kept is None else worst_shortfall(run.trace, run.kept)
+
+
 _LENGTH_BIAS = "the minimum of a longer run is lower: compare runs of equal length"
 _ONLY_FINITE = f"inf where no pair ever closed; {_LENGTH_BIAS}"
 _MINDERHOUD = "Minderhoud and Bovy, Accid. Anal. Prev. 33 (2001)"
@@ -78,31 +107,36 @@ _MINDERHOUD = "Minderhoud and Bovy, Accid. Anal. Prev. 33 (2001)"
 SAFETY = (
     Metric(
         "gap_min_m", "smallest gap", "m", Better.HIGHER,
-        "smallest distance bumper to bumper to a vehicle in the path; negative while two bodies overlap along the road",
-        IN_PATH, _LENGTH_BIAS, 0.0, "", lambda run: least(run.trace.gap),
+        "smallest distance bumper to bumper to a vehicle in the path; negative while two bodies overlap along it, "
+        "at most 0 in a run with a contact",
+        f"{IN_PATH}, or there is a contact", _LENGTH_BIAS, 0.0, "", at_most_zero(lambda trace: trace.gap),
     ),
     Metric(
         "time_gap_min_s", "smallest time gap", "s", Better.HIGHER,
-        "smallest gap to a vehicle ahead in the path, at least 0, over the ego's speed; inf at a standstill",
-        "a vehicle ahead is in the path", _LENGTH_BIAS, None, "", lambda run: least(time_gap(run.trace)),
+        "smallest gap to a vehicle ahead in the path, at least 0, over the ego's speed; inf at a standstill; 0 in a "
+        "run with a contact of the ego's front",
+        "a vehicle ahead is in the path", _LENGTH_BIAS, None, "", _of_leaders(time_gap),
     ),
     Metric(
         "ttc_min_s", "smallest time to collision", "s", Better.HIGHER,
         "smallest gap, at least 0, over the closing speed to a vehicle ahead or behind in the path while it closes, "
-        "else inf",
-        IN_PATH, _ONLY_FINITE, 3.0, f"Hayward, Highway Res. Rec. 384 (1972); threshold of {SSM}",
-        lambda run: least(ttc(run.trace)),
+        "else inf; 0 in a run with a contact",
+        f"{IN_PATH}, or there is a contact", _ONLY_FINITE, 3.0,
+        f"Hayward, Highway Res. Rec. 384 (1972); threshold of {SSM}", at_most_zero(ttc),
     ),
     Metric(
         "ttc_leader_min_s", "smallest time to collision with a leader", "s", Better.HIGHER,
-        "as `ttc_min_s`, to vehicles ahead only: those that the ego itself closes in on",
+        "as `ttc_min_s`, to vehicles ahead only, those that the ego itself closes in on; 0 in a run with a contact of "
+        "the ego's front",
         "a vehicle ahead is in the path", _ONLY_FINITE, 3.0, "as `ttc_min_s`",
-        lambda run: least(np.where(run.trace.ahead, ttc(run.trace), np.nan)),
+        _of_leaders(ttc),
     ),
     Metric(
         "mttc_min_s", "smallest modified time to collision", "s", Better.HIGHER,
-        "smallest t >= 0 with da t^2 / 2 + dv t = gap (at least 0), dv and da closing speed and acceleration; else inf",
-        IN_PATH, _ONLY_FINITE, None, "Ozbay et al., Transp. Res. Rec. 2083 (2008)", lambda run: least(mttc(run.trace)),
+        "smallest t >= 0 with da t^2 / 2 + dv t = gap (at least 0), dv and da closing speed and acceleration; else "
+        "inf; 0 in a run with a contact",
+        f"{IN_PATH}, or there is a contact", _ONLY_FINITE, None, "Ozbay et al., Transp. Res. Rec. 2083 (2008)",
+        at_most_zero(mttc),
     ),
     Metric(
         "tet_s", "time exposed to a short time to collision", "s", Better.LOWER,
@@ -128,7 +162,17 @@ SAFETY = (
     Metric(
         "drac_max_mps2", "largest deceleration needed", "m/s2", Better.LOWER,
         "largest (closing speed)^2 / (2 gap) to a vehicle ahead or behind in the path; 0 while none closes",
-        IN_PATH, "inf where bodies overlap along the road while they close", 3.0, f"threshold of {SSM}",
-        lambda run: greatest(drac(run.trace)),
+        f"{IN_PATH}, or there is a contact",
+        "inf where bodies overlap along the road while they close, and in a run with a contact", 3.0,
+        f"threshold of {SSM}", _drac_max,
+    ),
+    Metric(
+        "distance_shortfall_max_m", "worst shortfall of the safe distance", "m", Better.LOWER,
+        "most that was missing to the safe distance of the planner's own rule at any instant, to a vehicle to which "
+        "the decision in force kept a distance and that took up a lane which the ego took up, by the planner's own "
+        "rule; the whole distance where one passed through the other between two instants; 0 where nothing was "
+        "missing. Plans keep the distance at the ends of their steps only",
+        "the planner has a safe distance", "the maximum of a longer run is higher: compare runs of equal length", None,
+        "docs/guarantees.md, what no rule covers", _shortfall,
     ),
 )  # fmt: skip

@@ -7,11 +7,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from sumo_hmdp.domain.distance import TOUCH
 from sumo_hmdp.domain.scene import EGO_ID
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
+
+# Two vehicles whose speeds differ by less keep their distance: the difference is rounding [m/s].
+_SAME_SPEED = 1e-6
 
 MOTION = ("x_m", "y_m", "heading_rad", "speed_mps", "accel_mps2", "lane", "intended_lane", "length_m", "width_m")
 
@@ -69,7 +73,7 @@ class Trace:
     @cached_property
     def side_gap(self) -> FloatArray:
         """(T, V) free space across the road between two bodies, negative where they overlap across it [m]."""
-        return np.abs(self.others.y - self.ego.y) - (self.others.width + self.ego.width) / 2
+        return _exact(np.abs(self.others.y - self.ego.y) - (self.others.width + self.ego.width) / 2, TOUCH)
 
     @cached_property
     def ahead(self) -> BoolArray:
@@ -80,7 +84,7 @@ class Trace:
     def length_gap(self) -> FloatArray:
         """(T, V) bumper to bumper along the road, negative where two bodies overlap along it [m]."""
         ahead, behind = self.others.x - self.others.length - self.ego.x, self.ego.x - self.ego.length - self.others.x
-        return np.where(self.ahead, ahead, behind)
+        return _exact(np.where(self.ahead, ahead, behind), TOUCH)
 
     @cached_property
     def gap(self) -> FloatArray:
@@ -90,7 +94,8 @@ class Trace:
     @cached_property
     def closing_speed(self) -> FloatArray:
         """(T, V) speed at which `length_gap` falls [m/s]."""
-        return np.where(self.ahead, self.ego.speed - self.others.speed, self.others.speed - self.ego.speed)
+        difference = self.ego.speed - self.others.speed
+        return _exact(np.where(self.ahead, difference, -difference), _SAME_SPEED)
 
     @cached_property
     def closing_accel(self) -> FloatArray:
@@ -124,6 +129,11 @@ def trace_of(steps: pd.DataFrame) -> Trace:
         others=motion(seen, np.asarray(code, dtype=np.int64), len(ids)),
         ids=tuple(str(name) for name in ids),
     )
+
+
+def _exact(values: FloatArray, rounding: float) -> FloatArray:
+    """Return values with those that are zero but for rounding at zero."""
+    return np.where(np.abs(values) <= rounding, 0.0, values)
 
 
 def least(values: FloatArray) -> float:

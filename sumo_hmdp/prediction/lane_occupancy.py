@@ -1,4 +1,4 @@
-"""How likely a vehicle takes up the lanes of a footprint, without a branch tree (docs/formulation.md, eq. 35).
+"""How likely a vehicle takes up the lanes of a footprint, without a branch tree (docs/formulation.md, eq. 38).
 
 The lateral actions of a policy are a chain of their own. Sequences that lead to the same intended lane and the same
 place across the road are merged, which is exact; what falls below a threshold is dropped and its probability reported.
@@ -93,7 +93,7 @@ class _States(NamedTuple):
 def lanes_taken(
     vehicles: Sequence[PredictedVehicle], rules: LaneRules, footprints: Sequence[BoolArray]
 ) -> LaneForecast:
-    """Return how likely each vehicle takes up the ego's lanes, step by step (docs/formulation.md, eq. 35).
+    """Return how likely each vehicle takes up the ego's lanes, step by step (docs/formulation.md, eq. 38).
 
     Args:
         vehicles: any number, V.

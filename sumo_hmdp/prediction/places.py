@@ -71,7 +71,7 @@ class Places:
 
 
 def places_of(longitudinal: Probabilities, mode: int, speed: float, steps: int, *, by_speed: bool) -> Places:
-    """Return the places of a vehicle over the horizon (docs/formulation.md, eqs. 3, 4 and 35).
+    """Return the places of a vehicle over the horizon (docs/formulation.md, eqs. 3, 4 and 38).
 
     Args:
         longitudinal: probabilities that the next mode is decelerate, cruise, accelerate.

@@ -19,6 +19,7 @@ DISTRIBUTED = (
     "speed_mean_mps",
     "gap_min_m",
     "ttc_min_s",
+    "distance_shortfall_max_m",
     "drac_max_mps2",
     "braking_imposed_max_mps2",
     "jerk_rms_mps3",

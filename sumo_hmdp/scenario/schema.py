@@ -32,7 +32,7 @@ class EgoFile(FileModel):
     in_traffic: bool = False
     mode: ModeName = "cruise"
     lane_change_time_s: Positive = 4.0
-    motion: Literal["bicycle", "point_mass"] = "bicycle"
+    motion: Literal["bicycle", "point_mass", "point_mass_published"] = "bicycle"
     goal_x_m: Number | None = None
 
 

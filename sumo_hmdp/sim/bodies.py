@@ -5,6 +5,7 @@ Nothing here imports SUMO: the module that talks to it comes in as an argument.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SimulationError
-from sumo_hmdp.sim.contact import overlap_depth
+from sumo_hmdp.sim.contact import Sweep, first_meeting
 from sumo_hmdp.sim.getters import Getters
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.sim.traits import traits_of
@@ -30,7 +31,7 @@ Columns = slice | IntArray
 SOON = 1e-6
 _ALL = slice(None)
 # The arrays of `Bodies` with one column a vehicle.
-_COLUMNS = ("rows", "now", "_last", "traits", "lane", "origin", "arrives", "_heading", "_has_course", "_begun")
+_COLUMNS = ("rows", "now", "_last", "traits", "lane", "origin", "arrives", "_heading", "_was", "_has_course", "_begun")
 # Who moves less in a step has no course [m].
 _STANDS = 1e-3
 # From the rear axle to the front bumper, as a share of the length.
@@ -90,7 +91,7 @@ class Bodies:
         self.now = self._last = np.empty((3, 0))
         self.traits = np.empty((len(self._all_traits), 0))
         self.lane, self.origin, self.arrives = self.rows, self.rows, np.empty(0)
-        self._heading, self._levers = np.empty(0), np.empty(0)
+        self._heading, self._was, self._levers, self._widths = (np.empty(0) for _ in range(4))
         self._has_course = self._begun = np.empty(0, dtype=bool)
         self._vehicles: list[Spawn] = []
         self._names: list[str] = []
@@ -124,6 +125,7 @@ class Bodies:
                     ("origin", lane),
                     ("arrives", np.full(count, arrives)),
                     ("_heading", np.zeros(count)),
+                    ("_was", np.zeros(count)),
                     ("_has_course", nobody_begins),
                     ("_begun", nobody_begins),
                 )
@@ -141,6 +143,7 @@ class Bodies:
             setattr(self, name, columns[name])
         self._vehicles = [self._spawns[row] for row in self.rows.tolist()]
         self._names = [spawn.id for spawn in self._vehicles]
+        self._widths = np.array([spawn.width for spawn in self._vehicles], dtype=np.float64)
         self._levers = _LEVER * self.traits[0]
 
     def begin_change(self, column: int, lane: int, arrives: float) -> None:
@@ -177,7 +180,7 @@ class Bodies:
         """Turn the bodies: the rear axle follows the front bumper as a trailer follows its hitch (eq. 18)."""
         dx, dy = self.now[0] - self._last[0], self.now[1] - self._last[1]
         distance, course = np.hypot(dx, dy), np.arctan2(dy, dx)
-        turned = trailing_heading(self._heading, course, distance, self._levers)
+        turned, known = trailing_heading(self._heading, course, distance, self._levers), self._has_course.copy()
         # Who stands keeps its heading; who has just come has none yet.
         moved = distance > _STANDS
         if not (moved & self._has_course).all():
@@ -187,7 +190,7 @@ class Bodies:
         changing = self.origin != self.lane
         if changing.any():
             turned[changing] = np.minimum(np.maximum(turned[changing], -_STEEPEST), _STEEPEST)
-        self._heading = turned
+        self._was, self._heading = np.where(known, self._heading, turned), turned
 
     def _settle_changes(self, time: float) -> None:
         """Take back the changes that SUMO has not begun, and end those whose time is over.
@@ -256,18 +259,33 @@ class Bodies:
         ]  # fmt: skip
 
     def _note_contacts(self, some: Columns) -> None:
-        """Note vehicles that overlap: next to each other in a lane, or in either lane of a change."""
-        x, lane, origin = self.now[0, some], self.lane[some], self.origin[some]
+        """Note vehicles that meet in the step: those whose ways along and across the road come near each other."""
         number = self.columns(some)
-        two = np.flatnonzero(origin != lane)
-        if len(two):
-            number = np.concatenate([number, number.take(two)])
-            lane, x = np.concatenate([lane, origin.take(two)]), np.concatenate([x, x.take(two)])
-        order = np.lexsort((x, lane))
-        number, lane, x = number.take(order), lane.take(order), x.take(order)
-        near = (lane[:-1] == lane[1:]) & (x[1:] - self.traits[0].take(number[1:]) < x[:-1])
-        if near.any():
-            for i, j in zip(number[:-1][near].tolist(), number[1:][near].tolist(), strict=True):
-                if i != j and overlap_depth(*self._states(np.array([i, j]))) > 0.0:
-                    first, second = sorted((self._names[i], self._names[j]))
+        # Who has just come has not moved.
+        ends = self.now[:2].take(number, axis=1)
+        starts = self._last[:2].take(number, axis=1)
+        starts = np.where(np.isnan(starts), ends, starts)
+        length, width = self.traits[0].take(number), self._widths.take(number)
+        reach = 0.5 * width + length * np.abs(np.sin(self._heading.take(number)))
+        low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+        low, high = low - np.stack([length + 0.5 * width, reach]), high + np.stack([0.5 * width, reach])
+        order = np.argsort(low[0], kind="stable")
+        low, high = low.take(order, axis=1), high.take(order, axis=1)
+        for shift in range(1, len(order)):
+            along = low[0, shift:] < high[0, :-shift]
+            # Sorted by where they begin: where no such two reach each other, no two farther apart do.
+            if not along.any():
+                break
+            near = along & (low[1, shift:] < high[1, :-shift]) & (low[1, :-shift] < high[1, shift:])
+            for i in np.flatnonzero(near).tolist():
+                a, b = number[order[i]], number[order[i + shift]]
+                if first_meeting(self._sweep(a), self._sweep(b)) is not None:
+                    first, second = sorted((self._names[a], self._names[b]))
                     self.contacts.add((first, second))
+
+    def _sweep(self, column: int) -> Sweep:
+        """Return how a vehicle moved in the step; one that has just come has not."""
+        (end,) = self._states(np.array([column]))
+        x, y = self._last[:2, column].tolist()
+        start = replace(end, x=x, y=y, heading=float(self._was[column])) if math.isfinite(x) else end
+        return Sweep(start, end)

@@ -12,7 +12,7 @@ from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
-from sumo_hmdp.sim.contact import Contact, contacts
+from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
@@ -87,7 +87,7 @@ class Moment:
         step: 0 at the start.
         scene: everybody, as seen before a decision changed what the ego intends.
         decision: the decision taken at this instant, None between decisions.
-        contacts: of the ego at this instant.
+        contacts: of the ego since the instant before.
         sumo_contacts: what SUMO reported of the ego since the instant before.
         tracking: how the tracking QP of the step went, None at the last instant and for a motion without one.
         breaches: rules that the ego broke in the step before.
@@ -160,9 +160,12 @@ def run_episode(
     carry = start(settings, motion, planner)
     sumo_contacts: tuple[tuple[str, str], ...] = ()
     every = steps_per_decision(planner, settings.dt)
+    before: Snapshot | None = None
     for step in range(settings.steps + 1):
         scene = observe_scene(settings, motion, world, carry, step)
-        touching = contacts(scene.ego, (*scene.others, *world.crossing()))
+        before, touching = meet(
+            before, Snapshot(scene.time, scene.ego, (*scene.others, *world.crossing())), world.x_end
+        )
         arrived = None if settings.goal_x is None else scene.ego.x >= settings.goal_x
         moment = partial(
             Moment,
@@ -188,6 +191,19 @@ def run_episode(
         world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
         carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
         sumo_contacts = world.sumo_contacts()
+
+
+def meet(before: Snapshot | None, now: Snapshot, x_end: float) -> tuple[Snapshot, tuple[Contact, ...]]:
+    """Return everybody now, and whom the ego has met since the instant before, None at the start.
+
+    Args:
+        before: everybody at the instant before.
+        now: everybody now.
+        x_end: where the road ends [m].
+    """
+    if before is None:
+        return now, contacts(now.ego, now.others, now.time)
+    return now, contacts_between(before, now, x_end)
 
 
 def start(settings: EpisodeSettings, motion: Motion[Any], planner: Planner[Any]) -> Carry:

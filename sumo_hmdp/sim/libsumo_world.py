@@ -74,6 +74,11 @@ class LibsumoWorld:
         """Time since the start [s]."""
         return self.step * self.settings.dt
 
+    @property
+    def x_end(self) -> float:
+        """Where the road ends [m]."""
+        return self._network.x_end
+
     def __enter__(self) -> Self:
         """Start SUMO with everybody exactly where they start.
 

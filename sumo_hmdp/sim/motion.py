@@ -24,12 +24,14 @@ class MotionKind(StrEnum):
     """Names of the motions; those but the last are in scenario files.
 
     BICYCLE: a kinematic bicycle with limits, which a tracking MPC steers.
-    POINT_MASS: a point that moves exactly as told, as in the published rule-based code.
+    POINT_MASS: a point that moves exactly as told.
+    POINT_MASS_PUBLISHED: a point that moves by the new speed of each step, as in the published rule-based code.
     SUMO: as SUMO drives it; commands are only reports. It comes with the planner, not with the scenario.
     """
 
     BICYCLE = "bicycle"
     POINT_MASS = "point_mass"
+    POINT_MASS_PUBLISHED = "point_mass_published"
     SUMO = "sumo"
 
 
@@ -136,17 +138,19 @@ class CommandedPoint:
 
 @dataclass(frozen=True)
 class PointMassMotion:
-    """The exact motion.
+    """A point without a vehicle.
 
     Attributes:
         road: lanes.
         lane_change_time: of the quintic [s].
         dt: the step [s].
+        as_published: whether it moves as in the published rule-based code, and not exactly.
     """
 
     road: Road
     lane_change_time: float
     dt: float
+    as_published: bool = False
 
     @property
     def moves_ego(self) -> bool:
@@ -167,7 +171,8 @@ class PointMassMotion:
     def move(self, state: CommandedPoint, time: float) -> tuple[CommandedPoint, None]:
         """Move the point; there is nothing to track."""
         del time
-        return replace(state, vehicle=point_mass.advance(state.vehicle, state.accel, self.dt)), None
+        advance = point_mass.advance_as_published if self.as_published else point_mass.advance
+        return replace(state, vehicle=advance(state.vehicle, state.accel, self.dt)), None
 
     def read(self, state: CommandedPoint, ego: VehicleState) -> CommandedPoint:
         """Return the state: the world has the ego where it was told to."""
@@ -230,6 +235,6 @@ def motion_of(
     """
     if kind is MotionKind.SUMO:
         return SumoMotion()
-    if kind is MotionKind.POINT_MASS:
-        return PointMassMotion(road, lane_change_time, dt)
+    if kind in (MotionKind.POINT_MASS, MotionKind.POINT_MASS_PUBLISHED):
+        return PointMassMotion(road, lane_change_time, dt, as_published=kind is MotionKind.POINT_MASS_PUBLISHED)
     return BicycleMotion(road, lane_change_time, TrackingMpc(parameters, TrackingWeights(), TRACKING_STEPS, dt))

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sumo_hmdp.decision.sumo_driver import SumoDriver
+from sumo_hmdp.domain.distance import TOUCH
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import Problem
 from sumo_hmdp.sim.background import BackgroundSettings
-from sumo_hmdp.sim.contact import contacts
+from sumo_hmdp.sim.contact import overlap_depth
 from sumo_hmdp.sim.ghost import image_lane, second_lane
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn, spawn_problems
@@ -96,9 +97,11 @@ def start_problems(network: Network, ego: VehicleState, others: Sequence[Spawn],
             problems.append(Problem("ego.lane", message))
     states = [spawn_state(spawn, network.road) for spawn in others if entry_step(spawn, dt) == 0]
     for i, state in enumerate((ego, *states)):
-        for contact in contacts(state, states[i:]):
-            message = f"{state.id} and {contact.other_id} must not start in each other, got an overlap"
-            problems.append(Problem("", f"{message} of {contact.depth:.2f} m. Move one of them."))
+        for other in states[i:]:
+            depth = overlap_depth(state, other)
+            if depth > TOUCH:
+                message = f"{state.id} and {other.id} must not start in each other, got an overlap of {depth:.2f} m"
+                problems.append(Problem("", f"{message}. Move one of them."))
     return problems
 
 

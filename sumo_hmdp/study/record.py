@@ -13,8 +13,9 @@ import pandas as pd
 from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.plan import Decision
-from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.metrics.catalogue import METRICS
+from sumo_hmdp.sim.contact import Contact, Side
 from sumo_hmdp.sim.episode import Moment, TraceHash
 
 STEP_COLUMNS = {
@@ -117,8 +118,9 @@ class Recorder:
         scenes: everybody at every instant, with the number of its step.
         decisions: rows.
         documents: each decision's problem in its file form, None where the planner has none.
-        contacts: descriptions of the ego's contacts.
+        contacts: of the ego, by time.
         sumo_contacts: how many instants SUMO's own list named the ego.
+        sumo_touched: whom SUMO's own list says the ego touched.
         qp_failures: how many tracking QPs did not converge.
         background_contacts: pairs of background vehicles that overlapped.
         red_lights: how often the ego passed a stop line at red.
@@ -132,9 +134,9 @@ class Recorder:
     scenes: list[tuple[int, Scene]] = field(default_factory=list)
     decisions: list[dict[str, Any]] = field(default_factory=list)
     documents: list[str | None] = field(default_factory=list)
-    contacts: list[str] = field(default_factory=list)
-    contacts_at_fault: int = 0
+    contacts: list[Contact] = field(default_factory=list)
     sumo_contacts: int = 0
+    sumo_touched: set[str] = field(default_factory=set)
     qp_failures: int = 0
     background_contacts: int = 0
     red_lights: int = 0
@@ -151,17 +153,47 @@ class Recorder:
             self.decisions.append(self._decision_row(moment.decision, scene.ego))
             evidence = moment.decision.evidence
             self.documents.append(evidence.problem_json() if evidence is not None and self.detailed else None)
-        for contact in moment.contacts:
-            fault = "the ego's fault" if contact.at_fault else "not the ego's fault"
-            self.contacts.append(f"contact with {contact.other_id} at {scene.time:.2f} s, {fault}")
-            self.contacts_at_fault += contact.at_fault
+        self.contacts += moment.contacts
         self.sumo_contacts += bool(moment.sumo_contacts)
+        self.sumo_touched.update(name for pair in moment.sumo_contacts for name in pair if name != EGO_ID)
         self.background_contacts = moment.background_contacts
         self.red_lights += moment.breaches.red_light
         self.junction_stops += moment.breaches.junction_stop
         self.goal_reached = moment.goal_reached
         if moment.tracking is not None:
             self.qp_failures += not moment.tracking.solved
+
+    @property
+    def contacts_at_fault(self) -> int:
+        """How many contacts are the ego's fault."""
+        return sum(contact.at_fault for contact in self.contacts)
+
+    @property
+    def front_contact(self) -> bool:
+        """Whether the ego met anybody with its front."""
+        return any(contact.side is Side.FRONT for contact in self.contacts)
+
+    def contact_sentences(self) -> list[str]:
+        """Say with whom, when and by whose fault the ego had contacts."""
+        return [
+            f"contact with {contact.other_id} at {contact.time:.2f} s, "
+            f"{'' if contact.at_fault else 'not '}the ego's fault"
+            for contact in self.contacts
+        ]
+
+    def disagreements(self) -> list[str]:
+        """Say which contacts only SUMO's own list has, and which only the bodies; of a world in which SUMO looks."""
+        touched = {contact.other_id: contact.time for contact in self.contacts}
+        by_sumo = [
+            f"SUMO lists a contact with {name}, which the bodies did not have"
+            for name in sorted(self.sumo_touched - set(touched))
+        ]
+        by_bodies = [
+            f"SUMO does not list the contact with {name} at {time:.2f} s"
+            for name, time in touched.items()
+            if name not in self.sumo_touched
+        ]
+        return by_sumo + by_bodies
 
     def step_table(self) -> pd.DataFrame:
         """Return the `steps` table with all vehicles."""

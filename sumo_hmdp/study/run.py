@@ -17,6 +17,7 @@ from sumo_hmdp.decision.highs import solver_version
 from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.planned_distances import audit_settings
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
@@ -116,7 +117,7 @@ def execute(
         if isinstance(error, SolversDisagreeError):
             disputed = json.dumps(problem_document(error.problem))
     if recorder.contacts:
-        status, reason = RunStatus.CONTACT, "; ".join(recorder.contacts)
+        status, reason = RunStatus.CONTACT, "; ".join(recorder.contact_sentences())
     record = _record(run, recorder, status, reason, trace, started)
     return replace(record, disputed=disputed)
 
@@ -126,12 +127,24 @@ def _record(
 ) -> RunRecord:
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
+    # Where there is traffic around, SUMO does not look for contacts.
+    disagreements = recorder.disagreements() if run.world.background is None else None
+    facts = run_manifest(run)
     row = {
         **run_facts(run, recorder.run_id, status, reason),
-        **run_metrics(steps, decisions, run.parameters.get("desired_speed_mps")),
+        **run_metrics(
+            steps,
+            decisions,
+            run.parameters.get("desired_speed_mps"),
+            audit_settings(facts),
+            contact=bool(recorder.contacts),
+            front_contact=recorder.front_contact,
+        ),
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
+        "contact_first_s": min((contact.time for contact in recorder.contacts), default=None),
         "sumo_contact_count": recorder.sumo_contacts if run.world.background is None else None,
+        "contact_disagreement_count": None if disagreements is None else len(disagreements),
         "background_contact_count": recorder.background_contacts,
         "red_light_count": recorder.red_lights,
         "junction_stop_count": recorder.junction_stops,
@@ -142,12 +155,13 @@ def _record(
         "trace_hash": recorder.trace.hexdigest(),
     }
     manifest = {
-        **run_manifest(run),
+        **facts,
         "run_id": recorder.run_id,
         "seed": run.seed,
         "status": str(status),
         "reason": reason,
         "trace_hash": row["trace_hash"],
+        "contact_disagreements": disagreements or [],
         "started_at": started.isoformat(timespec="seconds"),
     }
     return RunRecord(

@@ -1,9 +1,10 @@
-"""A point that moves exactly as told, like that of the published rule-based code (docs/formulation.md, eq. 22).
+"""A point that moves exactly as told (docs/formulation.md, eq. 37).
 
-    v+ = max(0, v + a dt),   x+ = x + v+ dt,   y by a quintic over the lane-change time,
+    v+ = v + a dt,   x+ = x + v dt + a dt^2 / 2,   y by a quintic over the lane-change time,
 
-without actuators, limits or a tracker. The point is the front bumper. The quintic runs with time, as in the
-published code, also while the vehicle stands.
+without actuators, limits or a tracker; it comes to rest within a step, and stands. The published rule-based code takes
+x+ = x + v+ dt instead (eq. 22), which only its own case does. The point is the front bumper. The quintic runs with
+time, as in the published code, also while the vehicle stands.
 """
 
 import math
@@ -87,7 +88,22 @@ def change_lane(state: PointMass, lane: int, y_end: float, duration: float) -> P
 
 
 def advance(state: PointMass, accel: float, dt: float) -> PointMass:
-    """Move the point by one step.
+    """Move the point by one step, exactly (docs/formulation.md, eq. 37).
+
+    Args:
+        state: at the beginning.
+        accel: over the step [m/s2]; a point that comes to rest stands from then on.
+        dt: the step [s], > 0.
+    """
+    if state.speed + accel * dt < 0.0:
+        way, speed = state.speed**2 / (-2.0 * accel), 0.0
+    else:
+        way, speed = state.speed * dt + accel * dt**2 / 2.0, state.speed + accel * dt
+    return replace(state, x=state.x + way, speed=speed, accel=(speed - state.speed) / dt, clock=state.clock + dt)
+
+
+def advance_as_published(state: PointMass, accel: float, dt: float) -> PointMass:
+    """Move the point by one step as the published rule-based code does (docs/formulation.md, eq. 22).
 
     Args:
         state: at the beginning.

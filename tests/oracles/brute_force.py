@@ -204,15 +204,22 @@ def step_violation(problem, before, lanes, x, speed, branch_steps, beyond_line):
     return short_ahead + short_behind
 
 
-def ego_motion(problem, x, speed, mode):
-    """Return (x, speed) of the ego after a step with the mode AFTER its action, or None outside the limits (11)."""
+def ego_motion(problem, x, speed, mode, mode_before=0):
+    """Return (x, speed) of the ego after a step with the mode AFTER its action, or None outside the limits (11).
+
+    Outside them are also the speeds on the way back: of an ego that brakes, or that has accelerated and cannot brake
+    yet; below the least speed likewise (36)."""
     planner = problem["planner"]
     T, accel = planner["period_s"], planner["accel_mps2"]
     stops = setting(problem, "stopping") and planner["speed_min_mps"] == 0.0
     if stops and mode == -1 and speed < accel * T:
         return x + speed**2 / (2.0 * accel), 0.0
     after = speed + mode * accel * T
-    if after < planner["speed_min_mps"] - SPEED_TOLERANCE or after > planner["speed_max_mps"] + SPEED_TOLERANCE:
+    too_slow = after < planner["speed_min_mps"] - SPEED_TOLERANCE
+    too_fast = after > planner["speed_max_mps"] + SPEED_TOLERANCE
+    if too_fast and not (mode == -1 or (mode == 0 and mode_before == 1)):
+        return None
+    if too_slow and not (mode == 1 or (mode == 0 and mode_before == -1)):
         return None
     return x + speed * T + mode * accel * T**2 / 2.0, after
 
@@ -225,7 +232,7 @@ def ego_step(problem, branch_steps, before, lateral, mode, *, last):
         return None
     if abs(mode - before.mode) > 1:
         return None
-    moved = ego_motion(problem, before.x, before.speed, mode)
+    moved = ego_motion(problem, before.x, before.speed, mode, before.mode)
     if moved is None:
         return None
     x, speed = moved

@@ -177,10 +177,9 @@ def test_a_fallback_brakes_as_hard_as_the_leader_demands():
     assert found.lateral is Lateral.KEEP
     assert found.mode is Mode.DECELERATE
     assert "at12" in found.reason
-    # Alone, but too fast for its limit: nothing ahead demands more than the nominal braking.
+    # Alone, but too fast for its limit: that is no fallback.
     fast = answer(problem(speed_max=10.0))
-    assert fast.status is Status.FALLBACK
-    assert fast.brake == 2.0
+    assert (fast.status, fast.mode) == (Status.OPTIMAL, Mode.DECELERATE)
 
 
 # Lengths of 4.5 m, front bumpers d apart: (4.5 + d) / 8 <= (4.5 - d) / 2 holds up to d = 2.7 m.
@@ -340,3 +339,63 @@ def test_a_budget_that_pruning_has_used_up_is_an_error_with_the_least_risk_level
     with pytest.raises(RiskBudgetError, match=r"sequence_threshold 0\.2") as caught:
         tail_probabilities(branches, settings)
     assert f"{branches.pruned[0]:.6g}" in str(caught.value)
+
+
+MODES_BACK = [
+    # An ego at 25 m/s whose limit is 20: steps of 1 m/s. Braking comes at once, or after the cruising that it needs.
+    (Mode.CRUISE, 25.0, (-1, -1, -1)),
+    (Mode.DECELERATE, 21.5, (-1, -1, 0)),
+    (Mode.ACCELERATE, 22.0, (0, -1, -1)),
+]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(("mode", "speed", "modes"), MODES_BACK)
+def test_an_ego_above_its_top_speed_on_an_empty_road_brakes_to_it(solver, mode, speed, modes):
+    ego = VehicleState("ego", 0.0, 0.0, speed, 2, mode)
+    found = answer(problem(ego=ego, speed_max=20.0), solver)
+    assert found.status is Status.OPTIMAL
+    assert tuple(int(step.mode) for step in found.plan) == modes
+    assert all(step.speed <= 20.0 or step.mode <= 0 for step in found.plan)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_an_ego_below_its_least_speed_speeds_up_to_it(solver):
+    ego = VehicleState("ego", 0.0, 0.0, 8.2, 2)
+    found = answer(problem(ego=ego, speed_min=10.0), solver)
+    assert found.status is Status.OPTIMAL
+    assert [step.speed for step in found.plan][:2] == pytest.approx([9.2, 10.2])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_an_ego_above_its_top_speed_that_comes_too_near_relaxes_and_still_brakes(solver):
+    # 25.5 m from bumper to bumper, to a leader 5 m/s slower: no plan that brakes keeps 30 m.
+    found = answer(problem(car(30.0, speed=20.0), ego=VehicleState("ego", 0.0, 0.0, 25.0, 2), speed_max=20.0,
+                           safe_distance=30.0, forbidden_lanes=frozenset({1, 3})), solver)  # fmt: skip
+    assert found.status is Status.RELAXED
+    assert [int(step.mode) for step in found.plan] == [-1, -1, -1]
+
+
+@pytest.mark.parametrize(
+    ("occupancy", "y", "blocker"),
+    [
+        (Occupancy.SWEPT, 0.0, "at14"),  # intends lane 1, its whole body is in lane 2
+        (Occupancy.SWEPT, 1.9, "at14"),  # half way
+        (Occupancy.SWEPT, 2.95, None),  # its body has left lane 2
+        (Occupancy.TARGET, 0.0, None),  # the paper's rule: what is intended
+    ],
+)
+def test_a_fallback_brakes_for_a_body_in_the_lane_whatever_it_intends(occupancy, y, blocker):
+    decision = problem(car(14.0, speed=8.0, lane=1, y=y), occupancy=occupancy)
+    branches = predict(decision.vehicles, decision.settings.prediction())
+    brake, found = braking_demand(decision, branches)
+    # 9.5 m to a vehicle 12 m/s slower: 144 / 19.
+    assert (found, brake) == (blocker, pytest.approx(144 / 19) if blocker else 2.0)
+
+
+def test_a_fallback_of_an_ego_between_two_lanes_brakes_for_both():
+    between = VehicleState("ego", 0.0, 2.0, 20.0, 1)
+    for occupancy, blocker in ((Occupancy.SWEPT, "at14"), (Occupancy.TARGET, None)):
+        decision = problem(car(14.0, speed=8.0), ego=between, occupancy=occupancy)
+        branches = predict(decision.vehicles, decision.settings.prediction())
+        assert braking_demand(decision, branches)[1] == blocker

@@ -32,7 +32,7 @@ def mistakes(load, change):
 
 def test_the_scenario_says_what_it_is():
     ready = load_scenario(find_scenario("case2_rule_based"))
-    assert ready.episode.motion is MotionKind.POINT_MASS
+    assert ready.episode.motion is MotionKind.POINT_MASS_PUBLISHED
     assert ready.planner == PublishedPlanner(0.15, 8.0, rules=ready.planner.rules)
     assert ready.planner.rules.forbidden_lanes == {3}
     assert (ready.episode.ego.length, ready.spawns[-1].length) == (4.5, 9.0)

@@ -56,8 +56,8 @@ def test_depth_is_the_same_from_both_sides(ego, other):
 def test_bodies_reach_back_from_the_front_bumper():
     # The leader's rear bumper is at 4.6 - 4.5 = 0.1: ahead of the ego's front bumper at 0.
     assert contacts(vehicle(), [vehicle("a", x=4.6)]) == ()
-    (contact,) = contacts(vehicle(), [vehicle("a", x=4.4)])
-    assert contact.depth == pytest.approx(0.1)
+    assert overlap_depth(vehicle(), vehicle("a", x=4.4)) == pytest.approx(0.1)
+    assert len(contacts(vehicle(), [vehicle("a", x=4.4)])) == 1
 
 
 def test_touching_is_no_contact():
@@ -94,4 +94,4 @@ def test_side_and_fault(ego, other, side, at_fault):
 
 def test_a_heading_at_standstill_is_no_lane_change():
     (contact,) = contacts(vehicle(speed=0.0, heading=0.05), [vehicle("a", x=1.0, y=1.7)])
-    assert contact == Contact("a", Side.SIDE, contact.depth, at_fault=False)
+    assert contact == Contact("a", Side.SIDE, at_fault=False, time=0.0)

@@ -22,8 +22,8 @@ SOLVED = TrackingInfo(solved=True, status="solved", iterations=3, x_error=0.0, y
 
 
 def test_counts_of_the_recorder():
-    front = Contact("car", next(iter(Side)), 0.1, at_fault=True)
-    rear = Contact("bus", next(iter(Side)), 0.2, at_fault=False)
+    front = Contact("car", Side.FRONT, at_fault=True, time=0.1)
+    rear = Contact("bus", Side.REAR, at_fault=False, time=0.1)
     recorder = Recorder("r")
     moments = (
         replace(QUIET, tracking=SOLVED),
@@ -42,6 +42,19 @@ def test_counts_of_the_recorder():
         "sumo_contact_count": 2,
         "tracking_failure_count": 2,
     }
+
+
+def test_contacts_that_only_one_list_has_are_told():
+    recorder = Recorder("r")
+    both, bodies = (Contact(name, Side.FRONT, at_fault=True, time=4.4375) for name in ("both", "bodies"))
+    recorder.observe(replace(QUIET, contacts=(both, bodies), sumo_contacts=(("ego", "both"), ("only", "ego"))))
+    # They become the column "contact_disagreement_count"; "contact_first_s" is the first time of the bodies' own.
+    assert recorder.disagreements() == [
+        "SUMO lists a contact with only, which the bodies did not have",
+        "SUMO does not list the contact with bodies at 4.44 s",
+    ]
+    assert recorder.contact_sentences()[0] == "contact with both at 4.44 s, the ego's fault"
+    assert recorder.front_contact
 
 
 def test_whom_a_decision_keeps_a_distance_to_is_written_down():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from sumo_hmdp.vehicle.point_mass import advance, change_lane, in_lane
+from sumo_hmdp.vehicle.point_mass import advance, advance_as_published, change_lane, in_lane
 
 
 def moved(state, accel, dt, steps):
@@ -14,15 +14,32 @@ def moved(state, accel, dt, steps):
     return state
 
 
-def test_speed_first_then_position():
+def test_the_motion_is_exact():
+    # 20 m/s and 2 m/s2 for half a second: 10 m and a quarter.
     state = advance(in_lane(10.0, 0.0, 20.0, lane=2), 2.0, 0.5)
-    assert (state.speed, state.x, state.accel, state.y) == (21.0, 20.5, 2.0, 0.0)
+    assert (state.speed, state.x, state.accel, state.y) == (21.0, 20.25, 2.0, 0.0)
 
 
-def test_it_stops_and_stands():
+def test_it_stops_within_a_step_and_stands():
+    # 1 m/s, braked with 5 m/s2: 0.1 m.
     state = advance(in_lane(0.0, 4.0, 1.0, lane=1), -5.0, 0.5)
+    assert (state.speed, state.x, state.accel) == (0.0, 0.1, -2.0)
+    assert advance(state, -5.0, 0.5).x == 0.1
+
+
+@pytest.mark.parametrize("accel", [2.0, -3.0, -8.0])
+def test_halving_the_step_changes_nothing(accel):
+    start = in_lane(0.0, 0.0, 5.0, lane=2)
+    whole, half = moved(start, accel, 0.8, 3), moved(start, accel, 0.4, 6)
+    assert (whole.x, whole.speed) == pytest.approx((half.x, half.speed), abs=1e-12)
+
+
+def test_the_published_code_takes_the_speed_first_then_the_position():
+    state = advance_as_published(in_lane(10.0, 0.0, 20.0, lane=2), 2.0, 0.5)
+    assert (state.speed, state.x, state.accel, state.y) == (21.0, 20.5, 2.0, 0.0)
+    state = advance_as_published(in_lane(0.0, 4.0, 1.0, lane=1), -5.0, 0.5)
     assert (state.speed, state.x, state.accel) == (0.0, 0.0, -2.0)
-    assert advance(state, -5.0, 0.5).x == 0.0
+    assert advance_as_published(state, -5.0, 0.5).x == 0.0
 
 
 # 10 p^3 - 15 p^4 + 6 p^5 at p = 1/4 and 1/2 is 53/512 and 1/2.
