@@ -159,10 +159,10 @@ def _slower(run: CaseRun) -> str:
     )
     events = "; ".join(f"{one.what}: {told(one.ours)} s (paper {told(one.paper, 2)} s)" for one in (*first[:4], out))
     held = "all decisions are optimal" if all(holds for _, holds in demands(2, run)) else "not all demands hold"
-    top = run.vehicle_file("sv1")["driver"]["speed_max_mps"]
+    top, wanted = run.vehicle_file("sv1")["driver"]["speed_max_mps"], run.parameters["desired_speed_mps"]
     return (
-        f"With SV1's top speed {top:g} m/s, a desired speed of {run.parameters['desired_speed_mps']:g} m/s and all else as in "
-        f"`case2`: {places}; {events}; {held}. Its distance is {told(distance(2, run), 2)}."
+        f"With SV1's top speed {top:g} m/s, a desired speed of {wanted:g} m/s and all else as in `case2`: {places}; "
+        f"{events}; {held}. Its distance is {told(distance(2, run), 2)}."
     )
 
 
