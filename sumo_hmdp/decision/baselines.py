@@ -144,6 +144,8 @@ class IdmMobilPlanner:
             notes["lane_change"] = "under way" if len(over) > 1 else "just made: no other yet"
         if lateral is not Lateral.KEEP:
             memory = LaneChangeMemory(step + steps_of(self.lane_change_time + self.interval, self.dt))
+            # From now on it only leaves its lane, perhaps by way of a merging room.
+            accels = see(replace(scene, ego=replace(ego, lane=ego.lane + lateral)), self.rules).accels()
         accel = min(float(accels[lane - 1]) for lane in {*over, ego.lane + lateral})
         decision = rule_decision(scene, Command(ego.lane + lateral, accel), lateral)
         return replace(decision, notes=notes, solve_time=time.perf_counter() - started), memory

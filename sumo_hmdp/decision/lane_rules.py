@@ -121,18 +121,24 @@ def see(scene: Scene, rules: LaneRules) -> Seen:
             politeness=np.full(count, rules.politeness),
             drivers=Drivers(desired, *(np.full(count, number) for number in numbers)),
         ),
-        ends=lane_ends(scene),
+        ends=lane_ends(scene, published=published),
         rules=rules,
         lane_count=scene.road.lane_count,
     )
 
 
-def lane_ends(scene: Scene) -> FloatArray:
-    """Return where stop lines close each lane to the ego [m], shape (n, lane_count); the ego is the last row."""
-    count = scene.road.lane_count
+def lane_ends(scene: Scene, *, published: bool) -> FloatArray:
+    """Return where stop lines close each lane to the ego [m], shape (n, lane_count); the ego is the last row.
+
+    Into the merging room behind a line (`leaving_x`) the ego may only go while its body leaves that lane; in the eyes
+    of the published rules it has left it at once.
+    """
+    ego, count = scene.ego, scene.road.lane_count
+    left = set() if published else {*body_lanes(scene.road, ego.y, ego.width)} - {ego.lane}
     ends = np.full((len(scene.others) + 1, count), np.inf)
     for lane in range(1, count + 1):
-        line = nearest_line(scene.ego, scene.stop_lines, LaneState(lane))
+        lines = [line for line in scene.stop_lines if lane in line.lanes]
+        line = nearest_line(ego, lines, LaneState(ego.lane, ((lane, 1),)) if lane in left else LaneState(lane))
         ends[-1, lane - 1] = math.inf if line is None else line.x
     return ends
 

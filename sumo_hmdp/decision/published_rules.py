@@ -112,7 +112,10 @@ class PublishedPlanner:
         return replace(decision, notes=notes, solve_time=time.perf_counter() - started), memory
 
     def _choose(self, scene: Scene, seen: Seen) -> tuple[Lateral, dict[str, Note]]:
-        """Return the change with the largest incentive above the threshold, and what speaks for and against each."""
+        """Return the change with the largest incentive above the threshold, and what speaks for and against each.
+
+        The incentive is that of docs/formulation.md, eq. 21; stop lines (eq. 23) are leaders that stand.
+        """
         ego = scene.ego
         ahead = [other.x for other in scene.others if other.lane == ego.lane and other.x > ego.x]
         nearest = min([*ahead, float(seen.ends[-1, ego.lane - 1])])

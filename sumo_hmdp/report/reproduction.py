@@ -26,6 +26,7 @@ class PaperRuns:
         case2: Case 2 under the proposed planner.
         case2_literal: the same with the paper's cost alone.
         case2_fitted: with the open values fitted to all published numbers.
+        case2_slower: with a slower SV1 and a slower ego, found by hand.
         rule_based: Case 2 under the rules.
         case3: Case 3, one run for each risk level that is compared, the smallest first.
         case3_more: all runs of Case 3, the smallest risk level first.
@@ -37,6 +38,7 @@ class PaperRuns:
     case2: CaseRun
     case2_literal: CaseRun
     case2_fitted: CaseRun
+    case2_slower: CaseRun
     rule_based: CaseRun
     case3: Sequence[CaseRun]
     case3_more: Sequence[CaseRun]
@@ -127,11 +129,12 @@ def render_reproduction(runs: PaperRuns, versions: Mapping[str, str]) -> str:
         keep_trailing_newline=True,
     )
     page = environment.get_template("reproduction.md.j2").render(
-        run_count=7 + len(runs.case3_more),
+        run_count=8 + len(runs.case3_more),
         sumo=versions["sumo"],
         highs=versions["highs"],
         case1=list(case1_rows(runs.case1, runs.case1_literal)),
         fit1=Fit.of(1, runs.case1, runs.case1_fitted),
+        slower=_slower(runs.case2_slower),
         fit2=Fit.of(2, runs.case2, runs.case2_fitted),
         case2=list(case2_rows(runs.case2, runs.case2_literal)),
         rules=list(rule_rows(runs.rule_based, runs.case2)),
@@ -146,6 +149,21 @@ def render_reproduction(runs: PaperRuns, versions: Mapping[str, str]) -> str:
     )
     # Macros leave more blank lines than Markdown needs.
     return re.sub(r"\n{3,}", "\n\n", page).rstrip() + "\n"
+
+
+def _slower(run: CaseRun) -> str:
+    """Tell what Case 2 gives with a slower SV1 and a slower ego, in one sentence."""
+    *first, out = case2_readings(run)["late"]
+    places = ", ".join(
+        f"{one.what.removesuffix(' [m]')} {told(one.ours, 0)} m" for one in published_numbers(2, run)[-2:]
+    )
+    events = "; ".join(f"{one.what}: {told(one.ours)} s (paper {told(one.paper, 2)} s)" for one in (*first[:4], out))
+    held = "all decisions are optimal" if all(holds for _, holds in demands(2, run)) else "not all demands hold"
+    top, wanted = run.vehicle_file("sv1")["driver"]["speed_max_mps"], run.parameters["desired_speed_mps"]
+    return (
+        f"With SV1's top speed {top:g} m/s, a desired speed of {wanted:g} m/s and all else as in `case2`: {places}; "
+        f"{events}; {held}. Its distance is {told(distance(2, run), 2)}."
+    )
 
 
 def _level(run: CaseRun) -> dict[str, str]:

@@ -55,7 +55,7 @@ def test_decisions_of_a_rule_are_not_counted_as_optimal(record):
 
 
 def test_the_rule_drives_the_bicycle_too():
-    record = execute(load_scenario(find_scenario("case2"), RunOptions(planner="idm_mobil")))
+    record = execute(load_scenario(find_scenario("case2"), RunOptions(planner="idm_mobil_published")))
     ego = of(record, "ego")
     assert record.status == "completed"
     # The bicycle lags behind its commands: decimetres after 45 s, and the same lane change.

@@ -16,6 +16,7 @@ from sumo_hmdp.report.case3_figures import lane_change_by_risk, threshold_snapsh
 from sumo_hmdp.report.case_animation import animation_times, write_animation, write_still
 from sumo_hmdp.report.case_claims import number, statement, told
 from sumo_hmdp.report.case_data import CaseBranch, PlanPoint, case_run
+from sumo_hmdp.report.case_fit import distance, fitted_values
 from sumo_hmdp.report.case_histories import action_history, ego_trajectories, speed_profiles, trajectories
 from sumo_hmdp.report.case_numbers import worst_joint_probability
 from sumo_hmdp.report.case_road import write_figure
@@ -26,6 +27,9 @@ from sumo_hmdp.study.run import execute, versions
 
 ROOT = Path(__file__).parents[2]
 LEVELS = (0.001, 0.3)
+NAMED = (
+    "case1", "case1_literal", "case1_fitted", "case2", "case2_literal", "case2_fitted", "case2_rule_based",
+)  # fmt: skip
 
 
 def load_analysis():
@@ -42,8 +46,12 @@ def analysis():
 
 @pytest.fixture(scope="module")
 def records():
-    names = ("case1", "case1_literal", "case2", "case2_literal", "case2_rule_based")
-    one = {name: execute(load_scenario(find_scenario(name))) for name in names}
+    one = {
+        name: execute(load_scenario(find_scenario(name), RunOptions(solver="search" if "fitted" in name else "milp")))
+        for name in NAMED
+    }
+    slower = RunOptions(solver="search", overrides=load_analysis().SLOWER)
+    one["case2_slower"] = execute(load_scenario(find_scenario("case2"), slower))
     case3 = find_scenario("case3")
     return one | {level: execute(load_scenario(case3, RunOptions(risk_level=level))) for level in LEVELS}
 
@@ -52,8 +60,12 @@ def records():
 def runs(records):
     read = {key: case_run(r.manifest, r.row, r.steps, r.decisions) for key, r in records.items()}
     case3 = [read[level] for level in LEVELS]
-    names = ("case1", "case1_literal", "case2", "case2_literal", "case2_rule_based")
-    return PaperRuns(*(read[name] for name in names), case3=case3, case3_more=case3)
+    return PaperRuns(
+        **{name: read[name] for name in (*NAMED[:-1], "case2_slower")},
+        rule_based=read[NAMED[-1]],
+        case3=case3,
+        case3_more=case3,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +73,12 @@ def figures(analysis, runs):
     """Functions, so that a figure can be drawn more than once."""
     a = analysis
     return {
-        "branches": lambda: branch_snapshots(runs.case1, a.CASE1_TIMES, a.CASE1_VIEW),
+        "branches": lambda: branch_snapshots(runs.case1, a.CASE1_SNAPSHOTS, a.CASE1_VIEW),
         "actions": lambda: action_history(runs.case1, a.CASE1_DECISIONS),
         "paths": lambda: trajectories(runs.case1, 10.0),
-        "strips": lambda: strip_snapshots(runs.case2, a.CASE2_TIMES, a.CASE2_VIEW, "title"),
+        "strips": lambda: strip_snapshots(runs.case2, a.CASE2_SNAPSHOTS, a.CASE2_VIEW, "title"),
         "rules": lambda: strip_snapshots(runs.rule_based, a.RULE_TIMES, a.CASE2_VIEW, "title"),
-        "speeds": lambda: speed_profiles(runs.case2, runs.rule_based, a.CASE2_TIMES, a.RULE_TIMES),
+        "speeds": lambda: speed_profiles(runs.case2, runs.rule_based, a.CASE2_SNAPSHOTS, a.RULE_TIMES),
         "ego_paths": lambda: ego_trajectories(runs.case2, runs.rule_based, 1.5),
         "thresholds": lambda: threshold_snapshots(runs.case3, a.CASE3_TIMES),
         "by_risk": lambda: lane_change_by_risk(runs.case3, runs.case3_more),
@@ -104,7 +116,7 @@ def test_all_axes_say_what_they_show(figures, name):
 def test_the_panels_tell_what_the_tables_hold(figures, analysis, records):
     steps = records["case2"].steps
     titles = [axes.get_title(loc="left") for axes in figures["strips"]().axes]
-    for time, title in zip(analysis.CASE2_TIMES, titles, strict=True):
+    for time, title in zip(analysis.CASE2_SNAPSHOTS, titles, strict=True):
         ego = steps[(steps["vehicle_id"] == "ego") & np.isclose(steps["time_s"], time)].iloc[0]
         assert f"{time:.2f} s: x = {ego.x_m:.0f} m, {ego.speed_mps:.1f} m/s" in title
 
@@ -158,11 +170,38 @@ def test_the_page_tells_the_numbers_of_the_runs(page, records):
     (peak,) = row_of(page, "Peak speed of SV1")
     assert peak[2:5] == ["36.25 m/s", f"{of(rules, 'sv1')['speed_mps'].max():.2f} m/s", "0.00 m/s"]
     first = planner.decisions[planner.decisions["lateral"] == "left"]["time_s"].iloc[0]
-    assert row_of(page, "It begins the lane change, snapshot (b)")[0][3] == f"{first:.2f} s"
+    assert row_of(page, "(b) 5.85 s")[0][2] == f"{first:.2f} s"
+    assert row_of(page, "(b) 5.85 s")[0][3] == f"+{first - 5.85:.2f} s"
     for level, line in zip(LEVELS, re.findall(r"^\| 0\.(?:001|3) \|.*$", page, re.MULTILINE), strict=True):
         cells = [cell.strip() for cell in line.split("|")[1:-1]]
         change = records[level].decisions[records[level].decisions["lateral"] != "keep"].iloc[0]
         assert cells[1:3] == [f"{change.time_s:.2f}", f"{change.ego_x_m:.1f}"]
+
+
+def test_the_page_compares_all_instants(page):
+    """Also those that do not match; of Case 2 the last two by both readings."""
+    times = re.findall(r"^\| \(([a-f])\) (\d+\.\d\d) s \|", page, re.MULTILINE)
+    case1 = [*zip("abcdef", ("12.00", "20.80", "23.20", "29.60", "30.40", "40.80"), strict=True)]
+    case2 = [*zip("abcdef", ("0.00", "5.85", "12.45", "14.85", "29.25", "36.15"), strict=True)]
+    assert times == [*case1, *case2, *case2[-2:]]
+    assert "too slow to catch up" not in page
+    assert "Not met within one scale by the fitted setting: " in page
+
+
+@pytest.mark.parametrize("case", [1, 2])
+def test_a_fitted_scenario_is_nearer_and_differs_in_open_values_alone(runs, case):
+    given = {1: (runs.case1, runs.case1_fitted), 2: (runs.case2, runs.case2_fitted)}[case]
+    own, fitted = given
+    assert distance(case, fitted) < 0.6 * distance(case, own)
+    open_values = (
+        r"speed_weight|desired_speed|deadband|risk_level|position_var|lane_change_time|lateral_probs|speed_max_mps"
+    )
+    paths = [path for path, _, _ in fitted_values(own, fitted)]
+    assert paths
+    assert [path for path in paths if not re.search(open_values, path)] == []
+    assert not any(path.endswith("hmdp_mpc.speed_max_mps") for path in paths)
+    text = find_scenario(f"case{case}_fitted").read_text()
+    assert text.startswith("# FITTED")
 
 
 def test_the_page_in_the_repository_is_that_of_these_runs(page):

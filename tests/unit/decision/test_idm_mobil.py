@@ -148,6 +148,21 @@ def test_who_stands_before_a_merging_room_may_start_into_the_next_lane(line, nea
     assert decide(scene(speed=0.0, lines=(line, *red)), goal=GOAL)[0].lateral is lateral
 
 
+def test_who_leaves_a_lane_may_go_on_into_its_merging_room():
+    """Its end at 2 m does not hold the ego any more, from the decision on; the room's at 26 m does."""
+    line = StopLine(frozenset({2}), 2.0, 26.0)
+    decision, _ = decide(scene(speed=0.0, lines=(line,)), goal=GOAL)
+    assert decision.lateral is Lateral.LEFT
+    assert decision.command.accel == pytest.approx(2 * (1 - (2 / 26) ** 2))
+    over_both = scene(lane=1, speed=0.0, lines=(line,))
+    over_both = replace(over_both, ego=replace(over_both.ego, y=ROAD.center_y(2) + 0.5))
+    later, _ = decide(over_both, LaneChangeMemory(100))
+    assert later.command.accel == pytest.approx(decision.command.accel)
+    # A red signal that closes both lanes does.
+    red = replace(over_both, stop_lines=(StopLine(frozenset({1, 2, 3}), 2.5),))
+    assert decide(red, LaneChangeMemory(100))[0].command.accel < 1.0
+
+
 def test_a_closed_lane_is_none():
     closed = scene(ahead(10.0), lines=(StopLine(frozenset({1, 3}), 0.0),))
     assert decide(closed, goal=GOAL)[0].lateral is Lateral.KEEP

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from sumo_hmdp.decision.audit import audit, shifted
-from sumo_hmdp.decision.baselines import ConstantPlanner, IdmMobilPlanner
+from sumo_hmdp.decision.baselines import ConstantPlanner
 from sumo_hmdp.decision.decide import answer
 from sumo_hmdp.decision.explain import explain
 from sumo_hmdp.decision.fallback import MAX_BRAKE, braking_demand
@@ -15,6 +15,7 @@ from sumo_hmdp.decision.optimiser import shape_of, start_values
 from sumo_hmdp.decision.planner import HmdpPlanner
 from sumo_hmdp.decision.problem import ManeuverSequence
 from sumo_hmdp.decision.problem_file import parse_problem, problem_document
+from sumo_hmdp.decision.published_rules import PublishedPlanner
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import ForbiddenInterval, Status
 from sumo_hmdp.domain.road import Road
@@ -330,7 +331,7 @@ def rule_based(*lines, leader=None, step=0):
     ego = VehicleState("ego", 0.0, -2.0, 20.0, 2)
     lines = tuple(StopLine(frozenset(lanes), x) for lanes, x in lines)
     scene = Scene(step * 0.15, road, ego, () if leader is None else (leader,), lines)
-    planner = IdmMobilPlanner(0.15, lane_change_time=8.0)
+    planner = PublishedPlanner(0.15, lane_change_time=8.0)
     constant = ConstantPlanner(0.15).decide(scene, None)[0]
     assert constant.command.accel == 0.0
     return planner.decide(scene, planner.initial_memory())[0]
