@@ -2,6 +2,10 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sumo_hmdp.domain.maneuver import Lateral
 
@@ -99,7 +103,10 @@ class RoadRules:
         return max(-2.0 * decel, (self.approach_speed(lane, x + speed * dt, decel) - speed) / dt)
 
 
-def change_reach(speed: float, accel: float, duration: float) -> float:
+_Number = TypeVar("_Number", float, NDArray[np.float64])
+
+
+def change_reach(speed: _Number, accel: _Number, duration: float) -> _Number:
     """Return how far a vehicle goes during a lane change at most [m].
 
     Args:

@@ -259,7 +259,9 @@ def _assemble(
     world = WorldSettings(network, road, scenario.dt_s, options.seed)
     crowd: tuple[Spawn, ...] = ()
     if traffic is not None:
-        world = replace(world, background=traffic.settings(), sight=traffic.sight_m)
+        world = replace(
+            world, background=traffic.settings(), sight=traffic.sight_m, speed_limit=traffic.speed_limit_mps
+        )
         crowd = background(traffic, world, scenario.duration_s)
     start, crowd = ego_start(scenario.ego, crowd)
     ego = VehicleState(

@@ -132,6 +132,11 @@ class Network:
         table = np.array([nowhere, *(stretch.lanes for stretch in self.stretches), nowhere])
         return table, np.array([*(stretch.x_begin for stretch in self.stretches), self.x_end])
 
+    def is_closed(self, x: float, lane: int) -> bool:
+        """Tell whether there is a lane at x [m] that passenger cars may not use."""
+        part = next((s.lane_parts[lane - 1] for s in self.stretches if s.x_begin <= x < s.x_end), None)
+        return part is not None and not part.is_open
+
     def holds(self, x: float, y: float) -> bool:
         """Tell whether a front centre at (x, y) [m] is on the road, in a lane that cars may use there."""
         half = 0.5 * self.road.lane_width

@@ -2,11 +2,16 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.road_rules import NoChange, RoadRules, SpeedZone
 from sumo_hmdp.sim.net_layout import Layout
 from sumo_hmdp.sim.network_parts import LanePart, Stretch
+
+if TYPE_CHECKING:
+    from sumo_hmdp.sim.network import Network
 
 
 def rules_of(stretches: Sequence[Stretch]) -> RoadRules:
@@ -26,6 +31,15 @@ def rules_of(stretches: Sequence[Stretch]) -> RoadRules:
         if banned
     ]
     return RoadRules(tuple(zones), tuple(bans))
+
+
+def rules_in_force(network: "Network", speed_limit: float | None) -> RoadRules:
+    """Return the rules of a network, with one speed limit for the whole road where one is given [m/s]."""
+    if speed_limit is None:
+        return network.rules
+    lanes = range(1, network.road.lane_count + 1)
+    zones = tuple(SpeedZone(lane, network.x_begin, network.x_end, speed_limit) for lane in lanes)
+    return replace(network.rules, speed_zones=zones)
 
 
 def _runs(stretches: Sequence[Stretch], values: Sequence[float]) -> Iterator[tuple[float, float, float]]:
