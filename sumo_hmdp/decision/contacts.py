@@ -14,6 +14,7 @@ from sumo_hmdp.decision.distance import Clearance, contact_clearance, safe_clear
 from sumo_hmdp.decision.lattice import Motion
 from sumo_hmdp.decision.occupancy import lanes_now, occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
+from sumo_hmdp.decision.road_rules import keeps_rules
 from sumo_hmdp.decision.windows import UNIT_TOLERANCE
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import LaneState
@@ -60,7 +61,7 @@ def first_contact(problem: DecisionProblem, answer: Answer, first: tuple[Lateral
         following: set[_State] = set()
         touched[:] = False
         for before in alive:
-            for after in _successors(problem, answer, before, first if k == 0 else None):
+            for after in _successors(problem, answer, k, before, first if k == 0 else None):
                 met = meeting.met(k, before, after)
                 touched[answer.branches.vehicle[met]] = True
                 if not met.any():
@@ -73,7 +74,7 @@ def first_contact(problem: DecisionProblem, answer: Answer, first: tuple[Lateral
 
 
 def _successors(
-    problem: DecisionProblem, answer: Answer, before: _State, only: tuple[Lateral, Mode] | None
+    problem: DecisionProblem, answer: Answer, k: int, before: _State, only: tuple[Lateral, Mode] | None
 ) -> Iterator[_State]:
     """Yield where the admissible actions lead, or one of them."""
     sweep = sweep_steps(problem)
@@ -84,7 +85,8 @@ def _successors(
             if not exists or abs(mode - before.mode) > 1 or only not in (None, (lateral, mode)):
                 continue
             motion = answer.lattice.advance(before.motion, int(mode))
-            if answer.lattice.allows(motion.level, motion.phase):
+            kept = keeps_rules(problem, k + 1, before.lanes.lane, lateral, motion.speed)
+            if kept and answer.lattice.allows(motion.level, motion.phase):
                 yield _State(motion, mode, lanes)
 
 
