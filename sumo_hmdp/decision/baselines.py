@@ -19,6 +19,9 @@ from sumo_hmdp.validation import FileModel
 # A rule has no modes: an acceleration below this is recorded as cruising, and nothing depends on it [m/s2].
 CRUISE_ACCEL = 0.5
 
+# How hard the planner `constant` brakes before a lower speed limit, as comfortable as the drivers around it [m/s2].
+CONSTANT_DECEL = 2.0
+
 
 class GoalFile(FileModel):
     """`goal` of `idm_mobil`: the lane that the route needs, and by where.
@@ -143,13 +146,16 @@ class IdmMobilPlanner:
         started = time.perf_counter()
         step = round(scene.time / self.dt)
         lateral = Lateral.KEEP
+        idm = limited(self.idm, scene)
         if step >= memory.free_from and self._ends_a_lateral_period(step):
-            lateral = self.mobil.choose(scene, scene.ego, self.idm)
+            barred = self.mobil.forbidden_lanes | barred_lanes(scene, idm, self.lane_change_time)
+            lateral = replace(self.mobil, forbidden_lanes=barred).choose(scene, scene.ego, idm)
         if lateral is not Lateral.KEEP:
             # Rounding may not add a step: 4.2 / 0.6 is 7.000000000000001.
             memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
         lane = scene.ego.lane + lateral
-        accel = min(follow_in_lane(scene, scene.ego, lane, self.idm), self._behind_others(scene))
+        accel = min(follow_in_lane(scene, scene.ego, lane, idm), self._behind_others(scene))
+        accel = min(accel, allowed_accel(scene, lane, idm.decel, self.dt))
         decision = rule_decision(scene, Command(lane, accel), lateral)
         return replace(decision, solve_time=time.perf_counter() - started), memory
 
@@ -164,13 +170,43 @@ class IdmMobilPlanner:
         return (step + 1) % round(self.lateral_period / self.dt) == 0
 
 
+def limited(idm: Idm, scene: Scene) -> Idm:
+    """Return a driver that wants no more than the road's speed limit where the ego is."""
+    limit = scene.rules.speed_limit(scene.ego.lane, scene.ego.x)
+    return idm if limit >= idm.desired_speed else replace(idm, desired_speed=limit)
+
+
+def allowed_accel(scene: Scene, lane: int, decel: float, dt: float) -> float:
+    """Return the greatest acceleration of the ego in a step of dt [s] by the road's speed limits in a lane [m/s2]."""
+    return scene.rules.allowed_accel(lane, scene.ego.x, scene.ego.speed, decel, dt)
+
+
+def barred_lanes(scene: Scene, idm: Idm, duration: float) -> frozenset[int]:
+    """Return the lanes beside the ego's that it may not change into now, since its body would cross a solid line.
+
+    Args:
+        scene: the scene.
+        idm: how the ego drives: during the change it gets no faster than it wants to be, or is.
+        duration: of a lane change [s].
+    """
+    ego = scene.ego
+    ahead = ego.x + max(ego.speed, idm.desired_speed) * duration
+    return frozenset(
+        ego.lane + lateral
+        for lateral in (Lateral.LEFT, Lateral.RIGHT)
+        if not scene.rules.may_change(ego.lane, lateral, ego.x - ego.length, ahead)
+    )
+
+
 class ConstantFile(FileModel):
     """`constant` has no keys."""
 
 
 @dataclass(frozen=True)
 class ConstantPlanner:
-    """Keeps lane and speed, whatever happens: the lower end of any comparison.
+    """Keeps lane and speed, whatever the traffic does: the lower end of any comparison.
+
+    Where the road's speed limit is below its speed it comes down to it, by `CONSTANT_DECEL`.
 
     Attributes:
         dt: time between two decisions [s].
@@ -190,7 +226,8 @@ class ConstantPlanner:
 
     def decide(self, scene: Scene, memory: None) -> tuple[Decision, None]:
         """Answer one scene."""
-        return rule_decision(scene, Command(scene.ego.lane, 0.0), Lateral.KEEP), memory
+        accel = min(0.0, allowed_accel(scene, scene.ego.lane, CONSTANT_DECEL, self.dt))
+        return rule_decision(scene, Command(scene.ego.lane, accel), Lateral.KEEP), memory
 
 
 def rule_decision(scene: Scene, command: Command, lateral: Lateral) -> Decision:
