@@ -155,7 +155,8 @@ class IdmMobilPlanner:
             memory = LaneChangeMemory(step + math.ceil(self.lane_change_time / self.dt - 1e-6))
         lane = scene.ego.lane + lateral
         accel = min(follow_in_lane(scene, scene.ego, lane, idm), self._behind_others(scene))
-        accel = min(accel, allowed_accel(scene, lane, idm.decel, self.dt))
+        # At twice that it comes down to a limit that it is above: its comfortable deceleration.
+        accel = min(accel, allowed_accel(scene, lane, 0.5 * idm.decel, self.dt))
         decision = rule_decision(scene, Command(lane, accel), lateral)
         return replace(decision, solve_time=time.perf_counter() - started), memory
 

@@ -230,7 +230,7 @@ def drive_on(x, speed, accel, time, top):
 
 
 def crosses_a_line(problem, k, lane, lateral):
-    """Tell whether the change of step k + 1 may cross a line that must not be crossed (32)."""
+    """Tell whether the change of step k + 1 may cross a line that must not be crossed [17]."""
     planner, ego = problem["planner"], problem["ego"]
     T, accel, top = planner["period_s"], planner["accel_mps2"], planner["speed_max_mps"]
     end = k * T + setting(problem, "lane_change_time_s")
@@ -244,7 +244,7 @@ def crosses_a_line(problem, k, lane, lateral):
 
 
 def speed_allowed(problem, k, lane):
-    """Return the greatest speed of the ego at the end of step k in a lane by the road's limits (33)."""
+    """Return the greatest speed of the ego at the end of step k in a lane by the road's limits [17]."""
     planner, ego = problem["planner"], problem["ego"]
     T, accel = planner["period_s"], planner["accel_mps2"]
     far = drive_on(ego["x_m"], ego["speed_mps"], accel, k * T, planner["speed_max_mps"])
