@@ -16,7 +16,7 @@ from sumo_hmdp.scenario.schema import (
     ScenarioFile,
 )
 from sumo_hmdp.sim.network import read_network
-from sumo_hmdp.sim.sumo import load_once
+from sumo_hmdp.sim.trial_load import load_once
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.demand import CROWD_PREFIX
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems

@@ -61,7 +61,8 @@ def _lane_mistakes(layout: Layout, lane: Lane) -> Iterator[Problem]:
     center = road.center_y(number)
     if not abs(lane.width - road.lane_width) <= ROUNDING + SAME:
         message = f"lane_width must equal the network's {lane.width} m (lane {number}), got {road.lane_width} m."
-        yield Problem("lane_width", f"{message} All lanes that cars may use have one width.")
+        widths = {other.width for edge in layout.main for other in layout.lanes_of(edge)}
+        yield Problem("lane_width", message + " All lanes that cars may use must have one width." * (len(widths) > 1))
     elif (
         not all(abs(point[1] - center) <= layout.tolerance(number) for point in lane.shape)
         or not lane.shape[0][0] < lane.shape[-1][0]
@@ -72,9 +73,11 @@ def _lane_mistakes(layout: Layout, lane: Lane) -> Iterator[Problem]:
     elif not abs(lane.shape[-1][0] - lane.shape[0][0] - lane.length) <= _LENGTH_ROUNDING:
         found = lane.shape[-1][0] - lane.shape[0][0]
         message = f"lane {lane.id} must be as long as its shape, {found:g} m, got {lane.length} m; x would be scaled."
-        slopes = len({point[2] for point in lane.shape if len(point) > 2}) > 1
+        slopes = len({point[2] if len(point) > 2 else 0.0 for point in lane.shape}) > 1
         yield Problem(
-            "lanes", message + (" Take the slope out." if slopes else " Give the junctions at its ends a shape.")
+            "lanes",
+            message
+            + (" Take the slope out (z in its shape)." if slopes else " Give the junctions at its ends a shape."),
         )
 
 
@@ -132,7 +135,10 @@ def _border_mistakes(layout: Layout, number: int) -> Iterator[Problem]:
         # Otherwise a vehicle would jump over the junction, or be in none of the road's lanes for a moment.
         if (link.via is None) != (following.reach[0] <= edge.reach[1] + 2 * ROUNDING + SAME):
             message = f"a junction must have inner lanes just where it has a length, got {link.via} behind {edge.id}."
-            yield Problem("network", f"{message} Without a length build it with --no-internal-links true.")
+            remedy = (
+                "Without a length build it again: netconvert -s OLD.net.xml --no-internal-links true -o NEW.net.xml"
+            )
+            yield Problem("network", f"{message} {remedy}")
     for link in layout.leaving(edge.id):
         if link.to in layout.names and link.to != following.id:
             yield Problem("network", f"edge {edge.id} must lead to {following.id}, got {link.to}.")

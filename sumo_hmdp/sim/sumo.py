@@ -2,7 +2,6 @@
 
 import math
 import os
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -26,7 +25,6 @@ __all__ = [
     "keep_out",
     "libsumo",
     "lights",
-    "load_once",
     "move",
     "obey_limits",
     "read_vehicle",
@@ -107,35 +105,6 @@ def _set_limit(network: Network, limit: float) -> None:
             libsumo.lane.setMaxSpeed(lane, libsumo.lane.getMaxSpeed(lane) / SPEED_FACTOR)
         else:
             libsumo.lane.setMaxSpeed(lane, limit)
-
-
-def load_once(net_file: Path) -> str:
-    """Let SUMO load a network and close it again; return why it does not, empty where it does.
-
-    Where a simulation is running in this process nothing is tried: that one has its network.
-    """
-    if IN_WINDOW or libsumo.isLoaded():
-        return ""
-    options = {"net-file": net_file, "no-step-log": "true", "no-warnings": "true"}
-    command = ["sumo", *(word for name, value in options.items() for word in (f"--{name}", str(value)))]
-    with tempfile.TemporaryFile() as caught:
-        # SUMO writes its errors to the standard error of the process, beyond Python's reach.
-        sys.stderr.flush()
-        kept = os.dup(2)
-        os.dup2(caught.fileno(), 2)
-        try:
-            _load(command, net_file)
-        except SimulationError as error:
-            caught.seek(0)
-            said = caught.read().decode(errors="replace").splitlines()
-            lines = [line.removeprefix("Error:").strip() for line in said if line.startswith("Error:")]
-            return " ".join(dict.fromkeys(lines)) or str(error)
-        finally:
-            if libsumo.isLoaded():
-                libsumo.close()
-            os.dup2(kept, 2)
-            os.close(kept)
-    return ""
 
 
 def obey_limits(name: str) -> None:

@@ -159,7 +159,7 @@ def test_a_sidewalk_and_a_bicycle_lane_are_beside_the_road(tmp_path):
     ("change", "message"),
     [
         (("<net ", '<net lefthand="true" '), "left-hand traffic"),
-        (('width="4.00" shape="-1000.00,4.00', 'width="3.00" shape="-1000.00,4.00'), "one width"),
+        (('width="4.00" shape="-1000.00,4.00', 'width="3.00" shape="-1000.00,4.00'), "must have one width"),
         (
             ('shape="-1000.00,-4.00 9000.00,-4.00"', 'shape="-1000.00,-4.00 0.00,-4.00 5000.00,900.00 9000.00,-4.00"'),
             "a curve: edge highway turns to the right by 13 deg",
