@@ -30,6 +30,8 @@ def check(
 ) -> None:
     """Validate files without running them; one line per mistake, exit code 2 if there is any.
 
+    A scenario is started once, so that SUMO refuses nothing later. Notes name what a network says that is not used.
+
     Examples:
     - `sumo-hmdp check my_scenario.yaml`
     - `sumo-hmdp check results/decision_files/*/*.json --json`
@@ -38,22 +40,26 @@ def check(
     """
     from sumo_hmdp.decision.problem_file import read_problem
     from sumo_hmdp.scenario.load import find_scenario, load_scenario
+    from sumo_hmdp.scenario.trial import start_once
 
     found: list[dict[str, Any]] = []
     for name in files:
         problems: list[dict[str, str]] = []
+        notes: tuple[str, ...] = ()
         try:
             if name.endswith(".json"):
                 read_problem(Path(name))
             else:
-                load_scenario(find_scenario(name))
+                notes = start_once(load_scenario(find_scenario(name)), name).notes
         except InputError as error:
             complain(error)
             problems = [{"path": problem.path, "message": problem.message} for problem in error.problems]
         else:
             if not as_json:
                 typer.echo(f"{name}: ok")
-        found.append({"file": name, "ok": not problems, "problems": problems})
+                for note in notes:
+                    typer.echo(f"{name}: note: {note}")
+        found.append({"file": name, "ok": not problems, "problems": problems, "notes": list(notes)})
     if as_json:
         print_json({"files": found})
     if not all(file["ok"] for file in found):

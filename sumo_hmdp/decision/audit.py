@@ -19,6 +19,7 @@ from sumo_hmdp.decision.paths import RISK_TIE
 from sumo_hmdp.decision.plan_distances import lanes_shared, missing_distances
 from sumo_hmdp.decision.plan_risk import PlanRisk
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.road_rules import keeps_rules
 from sumo_hmdp.decision.stop_lines import line_shortfalls, place_of
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, ManeuverState, Mode
 from sumo_hmdp.domain.plan import PlanStep, Status
@@ -189,6 +190,7 @@ def _own_breach(problem: DecisionProblem, lattice: EgoLattice, sequence: Maneuve
     for k, (lateral, following, motion) in enumerate(zip(sequence.laterals, sequence.modes, motions, strict=True)):
         lane += lateral
         possible = problem.road.has_lane(lane) and lane not in problem.settings.forbidden_lanes
+        possible = possible and keeps_rules(problem, k + 1, lane - lateral, lateral, motion.speed)
         possible &= abs(following - mode) <= 1 and lattice.allows(motion.level, motion.phase, step=k + 1)
         if not possible:
             return Breach(k + 1, None, 0.0)

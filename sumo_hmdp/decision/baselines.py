@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from sumo_hmdp.decision.lane_rules import Goal, LaneRules, Seen, merging_room, see
+from sumo_hmdp.decision.lane_rules import Goal, LaneRules, Seen, allowed_accel, limited, merging_room, see
 from sumo_hmdp.decision.problem_schema import NonNegative, Number, Positive
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import body_lanes
@@ -26,6 +26,9 @@ CRUISE_ACCEL = 0.5
 LEAST_SPEED = 3.0
 # The ego's defaults are those of the mean car of the traffic.
 _CAR, _RULE = HIGHWAY_CLASSES[0], LaneChangeRule()
+
+# How hard the planner `constant` brakes before a lower speed limit, as comfortable as the drivers around it [m/s2].
+CONSTANT_DECEL = 2.0
 
 
 class GoalFile(FileModel):
@@ -132,7 +135,8 @@ class IdmMobilPlanner:
         """
         started = time.perf_counter()
         step, ego = round(scene.time / self.dt), scene.ego
-        seen = see(scene, self.rules)
+        rules = limited(self.rules, scene, self.lane_change_time)
+        seen = see(scene, rules)
         accels = seen.accels()
         over = {ego.lane, *body_lanes(scene.road, ego.y, ego.width)}
         notes: dict[str, Note] = {f"lane_{lane}_accel_mps2": float(accels[lane - 1]) for lane in sorted(over)}
@@ -145,8 +149,10 @@ class IdmMobilPlanner:
         if lateral is not Lateral.KEEP:
             memory = LaneChangeMemory(step + steps_of(self.lane_change_time + self.interval, self.dt))
             # From now on it only leaves its lane, perhaps by way of a merging room.
-            accels = see(replace(scene, ego=replace(ego, lane=ego.lane + lateral)), self.rules).accels()
+            accels = see(replace(scene, ego=replace(ego, lane=ego.lane + lateral)), rules).accels()
         accel = min(float(accels[lane - 1]) for lane in {*over, ego.lane + lateral})
+        # At twice that it comes down to a limit that it is above: its comfortable deceleration.
+        accel = min(accel, allowed_accel(scene, ego.lane + lateral, 0.5 * rules.idm.decel, self.dt))
         decision = rule_decision(scene, Command(ego.lane + lateral, accel), lateral)
         return replace(decision, notes=notes, solve_time=time.perf_counter() - started), memory
 
@@ -155,7 +161,7 @@ class IdmMobilPlanner:
 
         The left one is taken where both are equal.
         """
-        ego, rule = scene.ego, self.rules.rule
+        ego, rule = scene.ego, seen.rules.rule
         sides = [side for side in (Lateral.LEFT, Lateral.RIGHT) if scene.road.has_lane(ego.lane + side)]
         lanes = [ego.lane + side for side in sides]
         weighed = seen.changes(lanes)
@@ -165,7 +171,7 @@ class IdmMobilPlanner:
             incentive = float(weighed.incentive[i])
             if self.goal is not None:
                 incentive += self.goal.pull(ego, lane)
-            against = self._against(scene, weighed, i, lane)
+            against = self._against(scene, seen.rules, weighed, i, lane)
             notes[f"lane_{lane}_accel_mps2"] = float(weighed.go[i])
             notes[f"lane_{lane}_incentive_mps2"] = incentive
             notes[f"lane_{lane}_safe"] = f"no: {against}" if against else "yes"
@@ -173,17 +179,17 @@ class IdmMobilPlanner:
                 best, most = side, incentive
         return best, notes
 
-    def _against(self, scene: Scene, weighed: Weighed, i: int, lane: int) -> str:
+    def _against(self, scene: Scene, rules: LaneRules, weighed: Weighed, i: int, lane: int) -> str:
         """Return why the ego may not change into a lane, empty where it may.
 
         The bound on its own braking has no exception, unlike the traffic's for who brakes as hard already: two
         accelerations that are clipped alike would hide any danger.
         """
-        rule, speed = self.rules.rule, scene.ego.speed
+        rule, speed = rules.rule, scene.ego.speed
         ahead, behind = float(weighed.gap_ahead[i]), float(weighed.gap_behind[i])
         room = merging_room(scene) if speed < LEAST_SPEED else -math.inf
         reasons = (
-            (lane in self.rules.forbidden_lanes, "the lane is forbidden"),
+            (lane in rules.forbidden_lanes, "the lane is forbidden"),
             (room is None or ahead < room, f"too slow to begin a change ({speed:.1f} m/s)"),
             (min(ahead, behind) < 0.0, "no room, somebody is beside it"),
             (ahead < rule.least_gap, f"{ahead:.1f} m of room ahead"),
@@ -203,7 +209,9 @@ class ConstantFile(FileModel):
 
 @dataclass(frozen=True)
 class ConstantPlanner:
-    """Keeps lane and speed, whatever happens: the lower end of any comparison.
+    """Keeps lane and speed, whatever the traffic does: the lower end of any comparison.
+
+    Where the road's speed limit is below its speed it comes down to it, by `CONSTANT_DECEL`.
 
     Attributes:
         dt: time between two decisions [s].
@@ -223,7 +231,8 @@ class ConstantPlanner:
 
     def decide(self, scene: Scene, memory: None) -> tuple[Decision, None]:
         """Answer one scene."""
-        return rule_decision(scene, Command(scene.ego.lane, 0.0), Lateral.KEEP), memory
+        accel = min(0.0, allowed_accel(scene, scene.ego.lane, CONSTANT_DECEL, self.dt))
+        return rule_decision(scene, Command(scene.ego.lane, accel), Lateral.KEEP), memory
 
 
 def rule_decision(scene: Scene, command: Command, lateral: Lateral) -> Decision:

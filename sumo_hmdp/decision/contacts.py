@@ -14,6 +14,7 @@ from sumo_hmdp.decision.distance import Clearance, contact_clearance, safe_clear
 from sumo_hmdp.decision.lattice import Motion
 from sumo_hmdp.decision.occupancy import lanes_now, occupied_lanes, start_state, sweep_steps
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
+from sumo_hmdp.decision.road_rules import keeps_rules
 from sumo_hmdp.decision.windows import UNIT_TOLERANCE
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import LaneState
@@ -84,7 +85,8 @@ def _successors(
             if not exists or abs(mode - before.mode) > 1 or only not in (None, (lateral, mode)):
                 continue
             motion = answer.lattice.advance(before.motion, int(mode))
-            if answer.lattice.allows(motion.level, motion.phase, step=step):
+            kept = keeps_rules(problem, step, before.lanes.lane, lateral, motion.speed)
+            if kept and answer.lattice.allows(motion.level, motion.phase, step=step):
                 yield _State(motion, mode, lanes)
 
 

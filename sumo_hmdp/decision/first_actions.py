@@ -14,6 +14,7 @@ from sumo_hmdp.decision.corridors import Corridors, carve, clearances
 from sumo_hmdp.decision.cost import objective
 from sumo_hmdp.decision.decide import Answer, Shortfall, make_plan, violation_of
 from sumo_hmdp.decision.problem import DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.road_rules import banned_moves, keeps_rules, top_speeds
 from sumo_hmdp.decision.search import search_best, search_relaxed
 from sumo_hmdp.decision.stop_lines import place_of
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -149,8 +150,14 @@ def _objections(problem: DecisionProblem, answer: Answer, lateral: Lateral, mode
         yield f"there is no lane {lateral.label} of lane {ego.lane}"
     elif lane in settings.forbidden_lanes:
         yield f"lane {lane} is forbidden"
+    elif (ego.lane, int(lateral)) in banned_moves(problem)[0]:
+        yield f"the line to the {lateral.label} of lane {ego.lane} may not be crossed here"
     motion = answer.lattice.walk((mode,))[0]
     if not answer.lattice.allows(motion.level, motion.phase, step=1):
         slow = motion.speed < settings.speed_min
         limit = f"below speed_min, {settings.speed_min:g}" if slow else f"above speed_max, {settings.speed_max:g}"
         yield f"{motion.speed:.2f} m/s is {limit} m/s"
+    elif 1 <= lane <= problem.road.lane_count and not keeps_rules(problem, 1, lane, Lateral.KEEP, motion.speed):
+        tops = top_speeds(problem)
+        top = "" if tops is None else f", which allows {tops[0, lane - 1]:.2f} m/s at most"
+        yield f"{motion.speed:.2f} m/s is too fast for the road's speed limit{top}"

@@ -15,7 +15,8 @@ from sumo_hmdp.decision.cost import lane_cost, speed_cost, terminal_table
 from sumo_hmdp.decision.distance import counted
 from sumo_hmdp.decision.lattice import EgoLattice
 from sumo_hmdp.decision.occupancy import LaneStep, lane_steps
-from sumo_hmdp.decision.problem import DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.problem import SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.road_rules import top_speeds
 from sumo_hmdp.decision.search import ModeTree, extend_modes
 from sumo_hmdp.decision.stop_lines import closed_from, stopping_distance
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -146,14 +147,14 @@ class Path:
 
 
 def decision_graph(problem: DecisionProblem, lattice: EgoLattice, *, closed: bool = True) -> DecisionGraph:
-    """Build the graph of a decision (docs/formulation.md, eqs. 11 and 23).
+    """Build the graph of a decision; what the road forbids is left out (docs/formulation.md, eqs. 11 and 23).
 
     Args:
         problem: the decision problem.
         lattice: of its ego.
         closed: whether nodes beyond a stop line are blocked.
     """
-    lanes = lane_steps(problem)
+    lanes, tops = lane_steps(problem), top_speeds(problem)
     steps = []
     for k, motions in enumerate(motion_steps(lattice, problem.ego.mode), start=1):
         speed = np.array(speeds(lattice, motions.level, motions.phase))
@@ -163,6 +164,9 @@ def decision_graph(problem: DecisionProblem, lattice: EgoLattice, *, closed: boo
         cost = _costs(problem, lattice, lanes[k], moves, motions, speed, last=k == lattice.steps)
         if closed:
             cost[(beyond > 0.0)[moves.after[:, None], motions.after]] = np.inf
+        if tops is not None:
+            too_fast = speed > tops[k - 1][lanes[k].lane - 1][:, None] + SPEED_TOLERANCE
+            cost[too_fast[moves.after[:, None], motions.after]] = np.inf
         steps.append(GraphStep(lanes[k], motions, moves, x, speed, beyond, cost))
     return DecisionGraph(tuple(steps), lanes[0])
 

@@ -5,11 +5,12 @@ behind it.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sumo_hmdp.decision.stop_lines import nearest_line
+from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.occupancy import LaneState, body_lanes
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.traffic.car_following import Drivers, FloatArray
@@ -155,3 +156,29 @@ def _second_lane(scene: Scene, vehicle: VehicleState) -> int:
     """Return another lane than the intended one that a body is over, the one that it covers most; 0 for none."""
     over = [lane for lane in body_lanes(scene.road, vehicle.y, vehicle.width) if lane != vehicle.lane]
     return min(over, key=lambda lane: abs(scene.road.center_y(lane) - vehicle.y), default=0)
+
+
+def limited(rules: LaneRules, scene: Scene, duration: float) -> LaneRules:
+    """Return rules that want no more than the speed limit where the ego is, and change lanes only where that is allowed.
+
+    A lane beside the ego's counts as forbidden while its body would cross a solid line.
+
+    Args:
+        rules: of the ego.
+        scene: the scene.
+        duration: of a lane change, during which the ego gets no faster than it wants to be, or is [s].
+    """
+    ego = scene.ego
+    speed = min(rules.desired_speed, scene.rules.speed_limit(ego.lane, ego.x))
+    ahead = ego.x + max(ego.speed, speed) * duration
+    barred = {
+        ego.lane + lateral
+        for lateral in (Lateral.LEFT, Lateral.RIGHT)
+        if not scene.rules.may_change(ego.lane, lateral, ego.x - ego.length, ahead)
+    }
+    return replace(rules, desired_speed=speed, forbidden_lanes=rules.forbidden_lanes | barred)
+
+
+def allowed_accel(scene: Scene, lane: int, decel: float, dt: float) -> float:
+    """Return the greatest acceleration of the ego in a step of dt [s] by the road's speed limits in a lane [m/s2]."""
+    return scene.rules.allowed_accel(lane, scene.ego.x, scene.ego.speed, decel, dt)

@@ -48,6 +48,8 @@ def build_model(shape: Shape) -> pyo.ConcreteModel:
     model.not_ahead_of_window = pyo.Constraint(model.K, rule=not_ahead_of_window)
     model.speed_not_below = pyo.Constraint(model.K, rule=speed_not_below)
     model.speed_not_above = pyo.Constraint(model.K, rule=speed_not_above)
+    if shape.limits:
+        model.speed_within_limit = pyo.Constraint(model.K, rule=speed_within_limit)
     model.excess_of_high_speed = pyo.Constraint(model.K, rule=excess_of_high_speed)
     model.excess_of_low_speed = pyo.Constraint(model.K, rule=excess_of_low_speed)
     if shape.stopping:
@@ -192,6 +194,11 @@ def speed_not_below(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
 def speed_not_above(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
     """Row: (v_k - v_0) / (accel T) <= n_max_k (docs/formulation.md, eq. 36)."""
     return speed_gain(model, k) <= model.data.level_max[k]
+
+
+def speed_within_limit(model: pyo.ConcreteModel, k: int) -> pyo.Expression:
+    """Row: (v_k - v_0) / (accel T) <= sum over i of top[k, i] z[k, i], what the lane of the opening allows."""
+    return speed_gain(model, k) <= sum(model.data.top[k, i] * model.z[k, i] for i in model.I)
 
 
 def excess_of_high_speed(model: pyo.ConcreteModel, k: int) -> pyo.Expression:

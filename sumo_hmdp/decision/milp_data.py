@@ -21,6 +21,7 @@ class Shape:
         levelled: whether each opening has a window of its own for every speed level.
         stopping: whether the ego may come to rest within a step.
         lines: whether a stop line may matter.
+        limits: whether a speed limit of the road may matter.
     """
 
     steps: int
@@ -31,6 +32,7 @@ class Shape:
     levelled: bool
     stopping: bool
     lines: bool = False
+    limits: bool = False
 
 
 def window_index(shape: Shape) -> list[tuple[int, ...]]:
@@ -78,6 +80,8 @@ def declare_data(model: pyo.ConcreteModel, shape: Shape) -> None:
         data.braked = pyo.Var(model.N)
         data.braked_slope = pyo.Var(model.N)
         data.braked_less = pyo.Var(model.N)
+    if shape.limits:
+        data.top = pyo.Var(K, I)
     if shape.terminal:
         data.in_lane = pyo.Var(model.L, I)
         data.terminal = pyo.Var(model.L, model.N, model.P, MODES)

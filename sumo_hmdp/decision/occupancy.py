@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.risk import quantiles
+from sumo_hmdp.decision.road_rules import Moves, banned_moves
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.occupancy import LaneChange, LaneState, Occupancy, bodies_over
 from sumo_hmdp.domain.road import Road
@@ -76,25 +77,30 @@ def lane_steps(problem: DecisionProblem) -> tuple[LaneStep, ...]:
         sweep_steps(problem),
         problem.road.lane_count,
         settings.forbidden_lanes,
-        settings.horizon_steps,
+        banned_moves(problem),
     )
 
 
 @lru_cache(maxsize=256)
 def _lane_steps(
-    start: LaneState, sweep: int, lane_count: int, forbidden: frozenset[int], horizon: int
+    start: LaneState, sweep: int, lane_count: int, forbidden: frozenset[int], banned: tuple[Moves, ...]
 ) -> tuple[LaneStep, ...]:
-    steps = [_lane_step(None, (start,), sweep, lane_count)]
-    for _ in range(horizon):
-        before = steps[-1].states
-        following = {state.after(lateral, sweep) for state in before for lateral in Lateral}
+    steps = [_lane_step(None, (start,), sweep, lane_count, frozenset())]
+    for moves in banned:
+        following = {after for state in steps[-1].states for after in _following(state, sweep, moves)}
         reachable = (s for s in following if 1 <= s.lane <= lane_count and s.lane not in forbidden)
         after = tuple(sorted(reachable, key=lambda state: (state.lane, state.leaving)))
-        steps.append(_lane_step(steps[-1], after, sweep, lane_count))
+        steps.append(_lane_step(steps[-1], after, sweep, lane_count, moves))
     return tuple(steps)
 
 
-def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int, lane_count: int) -> LaneStep:
+def _following(state: LaneState, sweep: int, banned: Moves) -> set[LaneState]:
+    return {state.after(lateral, sweep) for lateral in Lateral if (state.lane, int(lateral)) not in banned}
+
+
+def _lane_step(
+    before: LaneStep | None, after: tuple[LaneState, ...], sweep: int, lane_count: int, banned: Moves
+) -> LaneStep:
     footprints = [frozenset(state.occupied) for state in after]
     distinct = list(dict.fromkeys(footprints))
     occupied = np.zeros((len(distinct), lane_count), dtype=bool)
@@ -104,7 +110,7 @@ def _lane_step(before: LaneStep | None, after: tuple[LaneState, ...], sweep: int
     states = () if before is None else before.states
     move = np.zeros((len(states), len(after)), dtype=bool)
     for row, state in zip(move, states, strict=True):
-        following = {state.after(lateral, sweep) for lateral in Lateral}
+        following = _following(state, sweep, banned)
         row[:] = [other in following for other in after]
     lane = np.array([state.lane for state in after], dtype=np.int64)
     return LaneStep(after, lane, occupied, footprint, move)

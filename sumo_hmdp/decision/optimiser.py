@@ -1,5 +1,6 @@
 """From a corridor graph to the best sequence of maneuvers, by the MILP."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,8 +14,9 @@ from sumo_hmdp.decision.highs import CompiledModel, MilpResult, compile_model, s
 from sumo_hmdp.decision.lattice import EgoLattice
 from sumo_hmdp.decision.milp_data import Shape
 from sumo_hmdp.decision.milp_terms import LATERALS, MODES
-from sumo_hmdp.decision.openings import openings_of
+from sumo_hmdp.decision.openings import Openings, openings_of
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, SPEED_TOLERANCE, DecisionProblem, ManeuverSequence
+from sumo_hmdp.decision.road_rules import keeps_rules, top_speeds
 from sumo_hmdp.decision.stop_lines import farthest_stop, stopping_distance
 from sumo_hmdp.decision.windows import UNIT_TOLERANCE
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -152,6 +154,7 @@ def shape_of(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors
         levelled=corridors.levelled,
         stopping=lattice.stopping,
         lines=corridors.lines,
+        limits=top_speeds(problem) is not None,
     )
 
 
@@ -210,6 +213,8 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         values["stop_high"] = stop_high
         values["braked"], values["braked_slope"] = speeds**2, 2 * speeds + 1
         values["braked_less"] = 2 * lattice.rest_share * (speeds + 1) - lattice.rest_share**2
+    if shape.limits:
+        values["top"] = _top_levels(problem, lattice, steps, width, slack)
     if shape.terminal:
         values["in_lane"] = lane[-1] == np.arange(1, shape.lanes + 1)[:, None]
         table = preferences.terminal_weight * terminal_table(preferences, lattice, shape.lanes)
@@ -220,6 +225,20 @@ def fill(compiled: CompiledModel, problem: DecisionProblem, lattice: EgoLattice,
         value = values.get(name, 0.0)
         data[place] = value.ravel() if isinstance(value, np.ndarray) else value
     return data
+
+
+def _top_levels(
+    problem: DecisionProblem, lattice: EgoLattice, steps: Sequence[Openings], width: int, slack: float
+) -> FloatArray:
+    """Return by how many speed steps the ego may be faster than now in each opening of each step, (H, width)."""
+    room = 2.0 * len(steps)
+    found = np.full((len(steps), width), room)
+    tops = top_speeds(problem)
+    assert tops is not None  # noqa: S101 - the shape says so
+    for row, openings, top in zip(found, steps, tops, strict=True):
+        gain = (top[openings.lane - 1] - lattice.speed + SPEED_TOLERANCE) / lattice.speed_step
+        row[: len(gain)] = np.clip(gain + slack if lattice.stopping else np.floor(gain), -room, room)
+    return found
 
 
 def _whole_if_near(soft: FloatArray, lattice: EgoLattice) -> FloatArray:
@@ -271,7 +290,8 @@ def _windows_of(
     problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, sequence: ManeuverSequence
 ) -> list[int] | None:
     """Return the window that a sequence is in at each step, None where it leaves the corridors or its own limits."""
-    lane, mode, window, windows = problem.ego.lane, problem.ego.mode, 0, []
+    windows: list[int] = []
+    lane, mode, window = problem.ego.lane, problem.ego.mode, 0
     motions = lattice.walk(tuple(int(m) for m in sequence.modes))
     steps = zip(corridors.stages, sequence.laterals, sequence.modes, motions, strict=True)
     for step, (stage, lateral, following, motion) in enumerate(steps, start=1):
@@ -280,8 +300,9 @@ def _windows_of(
         inside &= (stage.low <= motion.point + UNIT_TOLERANCE) & (motion.point - UNIT_TOLERANCE <= stage.high)
         if corridors.levelled:
             inside &= (stage.level == motion.level) & (stage.phase == motion.phase)
-        possible = abs(following - mode) <= 1 and lattice.allows(motion.level, motion.phase, step=step)
-        if not possible or not inside.any():
+        kept = keeps_rules(problem, step, lane - lateral, lateral, motion.speed)
+        kept &= lattice.allows(motion.level, motion.phase, step=step)
+        if abs(following - mode) > 1 or not kept or not inside.any():
             return None
         mode, window = following, int(inside.argmax())
         windows.append(window)

@@ -16,6 +16,7 @@ from sumo_hmdp.decision.lane_change_belief import LaneChangeRates, lane_change_p
 from sumo_hmdp.decision.plan_bounds import plan_bounds
 from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.problem_file import problem_document
+from sumo_hmdp.decision.road_rules import rules_ahead
 from sumo_hmdp.decision.search import SearchTooLargeError
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
@@ -146,7 +147,8 @@ class HmdpPlanner:
             for other in self._minded(scene, maneuvers)
         )
         start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
-        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines)
+        rules = rules_ahead(scene.rules, scene.ego, self.settings)
+        return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines, rules)
 
     def _seen(self, scene: Scene) -> list[VehicleState]:
         return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]

@@ -7,6 +7,7 @@ from sumo_hmdp.domain.distance import DistanceRule, RssParameters, SafeDistance
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.road_rules import RoadRules
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionSettings
 from sumo_hmdp.prediction.dynamics import LateralGains
@@ -162,6 +163,7 @@ class DecisionProblem:
         start: a sequence to start the MILP from, such as what is left of the plan before; it costs nothing if it is
             not feasible, and changes at most which of several best plans is found.
         stop_lines: that are closed to the ego for the whole horizon; one that it has passed has no effect.
+        rules: what the road forbids near the ego (`decision/road_rules.py`).
     """
 
     road: Road
@@ -170,6 +172,7 @@ class DecisionProblem:
     vehicles: tuple[PredictedVehicle, ...]
     start: "ManeuverSequence | None" = None
     stop_lines: tuple[StopLine, ...] = ()
+    rules: RoadRules = field(default_factory=RoadRules)
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,8 @@ def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
     for index in range(_length(raw.get("stop_lines"))):
         lanes = raw.get("stop_lines", index, "lanes")
         places += [("stop_lines", index, "lanes", number) for number in range(_length(lanes))]
+    for key in ("speed_zones", "no_change"):
+        places += [(key, index, "lane") for index in range(_length(raw.get(key)))]
     for place in places:
         lane = raw.integer(*place)
         if lane is not None and not 1 <= lane <= count:
@@ -100,6 +102,12 @@ def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
 
 
 def _line_checks(raw: RawDocument) -> Iterator[Problem]:
+    for key in ("speed_zones", "no_change"):
+        for index in range(_length(raw.get(key))):
+            begin, end = raw.number(key, index, "x_begin_m"), raw.number(key, index, "x_end_m")
+            if begin is not None and end is not None and not begin < end:
+                message = f"must be above x_begin_m ({begin:g} m), got {end:g} m; swap them"
+                yield Problem(f"{key}[{index}].x_end_m", message)
     for index in range(_length(raw.get("stop_lines"))):
         x, leaving = raw.number("stop_lines", index, "x_m"), raw.number("stop_lines", index, "leaving_x_m")
         if x is not None and leaving is not None and leaving < x:

@@ -109,6 +109,16 @@ def problem_document(problem: DecisionProblem) -> dict[str, Any]:
     }
     if problem.stop_lines:
         document["stop_lines"] = [_line_document(line) for line in problem.stop_lines]
+    rules = problem.rules
+    if rules.speed_zones:
+        document["speed_zones"] = [
+            {"lane": z.lane, "x_begin_m": z.x_begin, "x_end_m": z.x_end, "speed_mps": z.speed}
+            for z in rules.speed_zones
+        ]
+    if rules.no_change:
+        document["no_change"] = [
+            {"lane": r.lane, "to": r.lateral.label, "x_begin_m": r.x_begin, "x_end_m": r.x_end} for r in rules.no_change
+        ]
     return document
 
 

@@ -17,6 +17,7 @@ from sumo_hmdp.domain.distance import DistanceRule, RssParameters
 from sumo_hmdp.domain.maneuver import LATERAL_BY_LABEL, MODE_BY_LABEL
 from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.road_rules import NoChange, RoadRules, SpeedZone
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.prediction.branches import PredictedVehicle
 from sumo_hmdp.prediction.dynamics import LateralGains, Noise
@@ -271,6 +272,24 @@ class StopLineFile(FileModel):
     leaving_x_m: Number | None = None
 
 
+class SpeedZoneFile(FileModel):
+    """One stretch of a lane with a speed limit."""
+
+    lane: int
+    x_begin_m: Number
+    x_end_m: Number
+    speed_mps: Positive
+
+
+class NoChangeFile(FileModel):
+    """One stretch of a lane that may not be left to one side."""
+
+    lane: int
+    to: Literal["left", "right"]
+    x_begin_m: Number
+    x_end_m: Number
+
+
 class ProblemFile(FileModel):
     """A decision problem."""
 
@@ -280,6 +299,8 @@ class ProblemFile(FileModel):
     vehicles: list[VehicleFile]
     start_plan: list[ManeuverFile] | None = None
     stop_lines: list[StopLineFile] = Field(default_factory=list)
+    speed_zones: list[SpeedZoneFile] = Field(default_factory=list)
+    no_change: list[NoChangeFile] = Field(default_factory=list)
 
     def problem(self) -> DecisionProblem:
         """Return the problem as the planner uses it."""
@@ -307,4 +328,11 @@ class ProblemFile(FileModel):
             ),
             start=start,
             stop_lines=tuple(StopLine(frozenset(line.lanes), line.x_m, line.leaving_x_m) for line in self.stop_lines),
+            rules=RoadRules(
+                tuple(SpeedZone(zone.lane, zone.x_begin_m, zone.x_end_m, zone.speed_mps) for zone in self.speed_zones),
+                tuple(
+                    NoChange(rule.lane, LATERAL_BY_LABEL[rule.to], rule.x_begin_m, rule.x_end_m)
+                    for rule in self.no_change
+                ),
+            ),
         )

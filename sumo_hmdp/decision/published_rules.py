@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pydantic import Field
 
 from sumo_hmdp.decision.baselines import LaneChangeMemory, rule_decision, steps_of
-from sumo_hmdp.decision.lane_rules import LaneRules, Seen, see
+from sumo_hmdp.decision.lane_rules import LaneRules, Seen, allowed_accel, limited, see
 from sumo_hmdp.decision.problem_schema import NonNegative, Positive
 from sumo_hmdp.domain.maneuver import Lateral
 from sumo_hmdp.domain.plan import Command, Decision, Note
@@ -98,7 +98,8 @@ class PublishedPlanner:
         """
         started = time.perf_counter()
         step = round(scene.time / self.dt)
-        seen = see(scene, self.rules)
+        rules = limited(self.rules, scene, self.lane_change_time)
+        seen = see(scene, rules)
         accels = seen.accels()
         notes: dict[str, Note] = {f"lane_{scene.ego.lane}_accel_mps2": float(accels[scene.ego.lane - 1])}
         lateral = Lateral.KEEP
@@ -108,7 +109,8 @@ class PublishedPlanner:
         if lateral is not Lateral.KEEP:
             memory = LaneChangeMemory(step + steps_of(self.lane_change_time, self.dt))
         lane = scene.ego.lane + lateral
-        decision = rule_decision(scene, Command(lane, float(accels[lane - 1])), lateral)
+        accel = min(float(accels[lane - 1]), allowed_accel(scene, lane, 0.5 * rules.idm.decel, self.dt))
+        decision = rule_decision(scene, Command(lane, accel), lateral)
         return replace(decision, notes=notes, solve_time=time.perf_counter() - started), memory
 
     def _choose(self, scene: Scene, seen: Seen) -> tuple[Lateral, dict[str, Note]]:
@@ -124,11 +126,11 @@ class PublishedPlanner:
         sides = [side for side in (Lateral.LEFT, Lateral.RIGHT) if scene.road.has_lane(ego.lane + side)]
         lanes = [ego.lane + side for side in sides]
         weighed = seen.changes(lanes)
-        best, most = Lateral.KEEP, self.rules.rule.threshold
+        best, most = Lateral.KEEP, seen.rules.rule.threshold
         notes: dict[str, Note] = {}
         for i, (side, lane) in enumerate(zip(sides, lanes, strict=True)):
             incentive, safe = float(weighed.incentive[i]), bool(weighed.safe[i])
-            forbidden = lane in self.rules.forbidden_lanes
+            forbidden = lane in seen.rules.forbidden_lanes
             notes[f"lane_{lane}_accel_mps2"] = float(weighed.go[i])
             notes[f"lane_{lane}_incentive_mps2"] = incentive
             against = "the lane is forbidden" if forbidden else "a follower would have to brake too hard"

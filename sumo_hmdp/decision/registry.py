@@ -139,7 +139,7 @@ def _build_constant(parameters: ConstantFile, context: PlannerContext) -> Consta
     return ConstantPlanner(context.dt)
 
 
-CONSTANT = PlannerKind("constant", "keeps lane and speed, whatever happens", ConstantFile, _build_constant)
+CONSTANT = PlannerKind("constant", "keeps lane and speed, whatever the traffic does", ConstantFile, _build_constant)
 
 
 def _build_sumo(parameters: SumoFile, context: PlannerContext) -> SumoPlanner:

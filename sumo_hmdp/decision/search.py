@@ -24,6 +24,7 @@ from sumo_hmdp.decision.problem import (
     ManeuverSequence,
     Preferences,
 )
+from sumo_hmdp.decision.road_rules import top_speeds
 from sumo_hmdp.decision.stop_lines import stopping_distance
 from sumo_hmdp.decision.windows import UNIT_TOLERANCE
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -140,7 +141,7 @@ def search_best(
     steps = openings_of(corridors, stopping=lattice.stopping)
     _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
-    usable = _usable(problem, steps, tree, first)
+    usable = _usable(problem, lattice, steps, tree, first)
     if corridors.lines:
         stop = _stopping_points(problem, lattice, tree[-1])
         usable[-1] &= stop[:, None] <= steps[-1].stop_high + UNIT_TOLERANCE
@@ -162,7 +163,7 @@ def search_relaxed(
     _require_searchable(problem, steps)
     tree = mode_tree(lattice, problem.ego.mode, None if first is None else first[1])
     shortfall = []
-    usable = _usable(problem, steps, tree, first)
+    usable = _usable(problem, lattice, steps, tree, first)
     for openings, prefixes, inside in zip(steps, tree[1:], usable, strict=True):
         point = prefixes.point[:, None]
         beyond = point - openings.at(openings.soft_high, prefixes.level, prefixes.phase)
@@ -220,12 +221,24 @@ def _sequence_counts(start_mode: Mode, steps: int) -> tuple[int, ...]:
 
 
 def _usable(
-    problem: DecisionProblem, steps: tuple[Openings, ...], tree: Sequence[ModeTree], first: Maneuver | None
+    problem: DecisionProblem,
+    lattice: EgoLattice,
+    steps: tuple[Openings, ...],
+    tree: Sequence[ModeTree],
+    first: Maneuver | None,
 ) -> list[BoolArray]:
-    """Tell per step which openings each prefix may use, (P, W) each: it is inside, and the first is as asked."""
+    """Tell per step which openings each prefix may use, (P, W) each: inside, no faster than the lane's top speed there.
+
+    The first is as asked.
+    """
     usable = [_inside(openings, prefixes) for openings, prefixes in zip(steps, tree[1:], strict=True)]
     if first is not None:
         usable[0] &= steps[0].lane == problem.ego.lane + first[0]
+    tops = top_speeds(problem)
+    if tops is not None:
+        for k, (openings, prefixes, top) in enumerate(zip(steps, tree[1:], tops, strict=True)):
+            speed = _speeds(lattice, prefixes.level, prefixes.phase)
+            usable[k] &= speed[:, None] <= top[openings.lane - 1] + SPEED_TOLERANCE
     return usable
 
 

@@ -3,10 +3,11 @@
 Everywhere in the package a vehicle's (x, y) is the centre of its FRONT bumper, as in SUMO.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.road import Road
+from sumo_hmdp.domain.road_rules import RoadRules
 
 EGO_ID = "ego"
 
@@ -68,6 +69,7 @@ class Scene:
         ego: the ego.
         others: the surrounding vehicles, ordered by id.
         stop_lines: that are closed to the ego now.
+        rules: what the road forbids to everybody.
     """
 
     time: float
@@ -75,3 +77,4 @@ class Scene:
     ego: VehicleState
     others: tuple[VehicleState, ...]
     stop_lines: tuple[StopLine, ...] = ()
+    rules: RoadRules = field(default_factory=RoadRules)

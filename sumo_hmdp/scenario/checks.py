@@ -1,6 +1,7 @@
 """Checks of a scenario that take more than one key."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeGuard
 
@@ -15,6 +16,7 @@ from sumo_hmdp.scenario.schema import (
     ScenarioFile,
 )
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.trial_load import load_once
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.demand import CROWD_PREFIX
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
@@ -144,12 +146,23 @@ def crowd_checks(scenario: ScenarioFile, *, sumo_drives: bool) -> Iterator[Probl
 
 
 def network_checks(net_file: Path, road: Road) -> Iterator[Problem]:
-    """Check that the network can be read, and that it is the scenario's road."""
+    """Check that the network can be read, that it is the scenario's road, and that SUMO takes it."""
     try:
         read_network(net_file, road)
     except InputError as error:
         where = {"lane_count": "lanes.count", "lane_width": "lanes.width_m", "": "network"}
         yield from _named(error.problems, where)
+        return
+    refusal = _refusal(net_file, net_file.stat().st_mtime_ns)
+    if refusal:
+        yield Problem("network", f"must be a network that SUMO loads, got: {refusal} Build it again with netconvert")
+
+
+# Once for each network and process: what SUMO takes today it takes tomorrow.
+@lru_cache(maxsize=16)
+def _refusal(net_file: Path, version: int) -> str:
+    del version
+    return load_once(net_file)
 
 
 def start_checks(world: WorldSettings, ego: VehicleState, spawns: tuple[Spawn, ...], planner: str) -> Iterator[Problem]:

@@ -53,11 +53,22 @@ def background(traffic: TrafficFile, world: WorldSettings, duration: float) -> t
     Raises:
         InputError: ramps, side streets or exits that the network does not have.
     """
-    lanes = traffic.lanes or list(range(1, world.road.lane_count + 1))
+    network = read_network(world.net_file, world.road)
+    low, high = traffic.stretch_m
+    lanes = traffic.lanes or [n for n in range(1, world.road.lane_count + 1) if not _is_closed(network, n, low, high)]
+    limit = max((zone.speed for zone in network.rules.speed_zones), default=None)
+    try:
+        demand = traffic.demand(limit)
+        flows = Flows(
+            traffic.flow(traffic.ramp_flow_vph, limit), traffic.flow(traffic.side_flow_vph, limit), traffic.exit_share
+        )
+    except InputError as error:
+        where = {"density": "traffic.density_vpkm_per_lane", "flow": "traffic"}
+        raise InputError([Problem(where.get(p.path, p.path), p.message) for p in error.problems]) from error
     return _warm(
         replace(world, ego_driver=None),
-        traffic.demand(),
-        Flows(traffic.flow(traffic.ramp_flow_vph), traffic.flow(traffic.side_flow_vph), traffic.exit_share),
+        demand,
+        flows,
         tuple(lanes),
         (traffic.stretch_m[0], traffic.stretch_m[1]),
         traffic.warm_up_s,
@@ -91,8 +102,27 @@ def _warm(
     ]
     spawns += _entering(routes, flows, inflow_time, world.seed)
     assert world.background is not None  # noqa: S101 - the caller's own mistake
+    spawns = [_under_limits(spawn, routes, world.speed_limit) for spawn in spawns]
     spawns = list(_with_courtesy(world.background.courtesy.share, spawns, world.seed))
     return warm_up(world, tuple(_with_exits(routes, flows.exit_share, spawns, world.seed)), warm_up_time)
+
+
+def _is_closed(network: Network, lane: int, low: float, high: float) -> bool:
+    """Tell whether a lane is closed to passenger cars anywhere between two x [m]."""
+    parts = (s.lane_parts[lane - 1] for s in network.stretches if s.x_begin < high and s.x_end > low)
+    return any(part is not None and not part.is_open for part in parts)
+
+
+def _under_limits(spawn: Spawn, routes: Routes, limit: float | None) -> Spawn:
+    """Return a vehicle that enters no faster than it may be there; with a limit for the whole road, as it is."""
+    if limit is not None or spawn.speed_factor is None:
+        return replace(spawn, speed_factor=None)
+    if spawn.entry is None:
+        allowed = routes.network.rules.speed_limit(spawn.lane, spawn.x)
+    else:
+        edge = routes.entries[spawn.entry].route[0]
+        allowed = min(v for name, v in routes.network.side_limits.items() if name.rpartition("_")[0] == edge)
+    return replace(spawn, speed=min(spawn.speed, spawn.speed_factor * allowed))
 
 
 def _missing_ways(routes: Routes, flows: Flows) -> Iterator[Problem]:
@@ -119,6 +149,10 @@ def _misplaced(
         yield Problem("traffic.stretch_m", message)
         return
     for lane in lanes:
+        if _is_closed(network, lane, *stretch):
+            message = f"must be open to passenger cars all along stretch_m, got {lane}, which is not; list the others"
+            yield Problem("traffic.lanes", message)
+            continue
         edges = (part for part in network.stretches if part.edge is not None)
         inside = (part for part in edges if part.x_begin < stretch[1] and part.x_end > stretch[0])
         gap = next((part for part in inside if not part.lanes[lane - 1]), None)

@@ -13,7 +13,7 @@ from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
-from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.scenario.checks import (
     cross_checks,
     crowd_checks,
@@ -28,6 +28,7 @@ from sumo_hmdp.scenario.checks import (
 )
 from sumo_hmdp.scenario.crowd import background, ego_start
 from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_vehicles, stretch_checks
+from sumo_hmdp.scenario.network_use import rule_checks, run_notes
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
@@ -81,6 +82,7 @@ class ReadyRun:
         planner: who decides.
         parameters: of the planner, as in the file form.
         configuration: the whole scenario as it was used.
+        notes: what the network says that a reader of the results should know, a line each.
     """
 
     scenario: str
@@ -93,6 +95,7 @@ class ReadyRun:
     planner: Planner[Any]
     parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def find_scenario(name_or_path: str) -> Path:
@@ -170,17 +173,22 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
+    problems.extend(() if problems else rule_checks(scenario, read_network(network, road), name, parameters))
     if problems:
         raise InputError(problems, str(path))
     try:
         ready = _assemble(scenario, name, parameters, options, network)
     except InputError as error:
         raise InputError(error.problems, str(path)) from None
+    except SimulationError as error:
+        raise InputError(
+            [Problem("traffic", f"must be simulated before the run begins, got: {error}")], str(path)
+        ) from error
     problems.extend(start_checks(ready.world, ready.episode.ego, ready.spawns, ready.planner_name))
     problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
-    return ready
+    return replace(ready, notes=tuple(run_notes(ready.world, ready.episode.ego, ready.spawns, ready.parameters)))
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:
@@ -259,7 +267,9 @@ def _assemble(
     world = WorldSettings(network, road, scenario.dt_s, options.seed)
     crowd: tuple[Spawn, ...] = ()
     if traffic is not None:
-        world = replace(world, background=traffic.settings(), sight=traffic.sight_m)
+        world = replace(
+            world, background=traffic.settings(), sight=traffic.sight_m, speed_limit=traffic.speed_limit_mps
+        )
         crowd = background(traffic, world, scenario.duration_s)
     start, crowd = ego_start(scenario.ego, crowd)
     ego = VehicleState(

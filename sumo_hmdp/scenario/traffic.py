@@ -188,8 +188,8 @@ class TrafficFile(FileModel):
     """`traffic`: exactly one of density and flow is given; classes that are left out are those of the population.
 
     `ramp_flow_vph` comes from each on-ramp and `side_flow_vph` from each side street; `exit_share` of all vehicles
-    leave the road before its end, by an exit that is drawn among those ahead of them. `speed_limit_mps` slows the
-    classes whose drivers want to go faster on average.
+    leave the road before its end, by an exit that is drawn among those ahead of them. `speed_limit_mps` takes the place
+    of the network's limits, for everybody: it slows the classes whose drivers want to go faster on average.
     """
 
     density_vpkm_per_lane: NonNegative | None = None
@@ -264,25 +264,28 @@ class TrafficFile(FileModel):
         """Return what all drivers have in common, as the world uses it."""
         return replace(self.lane_changes.settings(), courtesy=self.courtesy.rule())
 
-    def demand(self) -> Demand:
-        """Return the demand of each lane; `problems` is empty."""
+    def demand(self, limit: float | None = None) -> Demand:
+        """Return the demand of each lane; `problems` is empty.
+
+        Args:
+            limit: of the network, where the section has none [m/s].
+        """
         return Demand(
-            classes=self.vehicle_classes(),
+            classes=self.vehicle_classes(limit),
             density=None if self.density_vpkm_per_lane is None else self.density_vpkm_per_lane * _PER_KM,
             flow=None if self.flow_vph_per_lane is None else self.flow_vph_per_lane * _PER_HOUR,
         )
 
-    def flow(self, vehicles_per_hour: float) -> Demand | None:
+    def flow(self, vehicles_per_hour: float, limit: float | None = None) -> Demand | None:
         """Return the demand of a ramp or side street, None for no flow."""
         if vehicles_per_hour == 0.0:
             return None
-        return Demand(classes=self.vehicle_classes(), flow=vehicles_per_hour * _PER_HOUR)
+        return Demand(classes=self.vehicle_classes(limit), flow=vehicles_per_hour * _PER_HOUR)
 
-    def vehicle_classes(self) -> tuple[VehicleClass, ...]:
-        """Return the classes of the background as they drive here."""
+    def vehicle_classes(self, limit: float | None = None) -> tuple[VehicleClass, ...]:
+        """Return the classes of the background as they drive here, under a limit of the network [m/s]."""
         classes = POPULATIONS[self.population]
         if self.classes is not None:
             classes = tuple(kind.vehicle_class() for kind in self.classes)
-        if self.speed_limit_mps is None:
-            return classes
-        return tuple(limited(kind, self.speed_limit_mps) for kind in classes)
+        limit = limit if self.speed_limit_mps is None else self.speed_limit_mps
+        return classes if limit is None else tuple(limited(kind, limit) for kind in classes)

@@ -17,6 +17,7 @@ from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.bodies import SOON, Bodies, Columns
 from sumo_hmdp.sim.courtesy import Courtesy
 from sumo_hmdp.sim.ghost import image_lane, second_lane
+from sumo_hmdp.sim.limits import SpeedLimits, keep_lines
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.traits import stranger_traits
@@ -94,6 +95,7 @@ class Background:
         willing = np.array([spawn.courteous for spawn in spawns], dtype=bool)
         self._courtesy = Courtesy(settings.courtesy, self._routes, willing, settings.rule.least_gap, dt)
         self.bodies = Bodies(sumo, network, dt, spawns)
+        self._limits = SpeedLimits.of(network, spawns)
 
     def enter(self, time: float, add: Callable[[Spawn], None], others: Sequence[VehicleState] = ()) -> None:
         """Let in who is due at `time` [s]: all of them at the start, later each as soon as there is room.
@@ -176,6 +178,7 @@ class Background:
         may_change &= ~self._network.in_junction(vehicles.x)
         quick = vehicles.speed >= self._settings.least_speed
         allowed = self._network.lane_exists(vehicles.x)
+        keep_lines(self._network, vehicles, allowed, self._settings.lane_change_time)
         ends, bias = None, None
         if self._routes.needed:
             ends, bias = self._route_needs(rows, vehicles)
@@ -251,7 +254,8 @@ class Background:
         """Return some of the background, then the others, as drivers see them."""
         bodies = self.bodies
         x, _, speed = bodies.now[:, some]
-        both = np.concatenate([bodies.traits[:, some], stranger_traits(others)], axis=1)
+        traits = self._limits.applied(bodies.rows[some], x, bodies.traits[:, some])
+        both = np.concatenate([traits, stranger_traits(others)], axis=1)
         second = np.where(changing, bodies.origin[some], 0)
         return Vehicles(
             x=np.concatenate([x, [other.x for other in others]]),

@@ -244,7 +244,7 @@ def observe_scene(
     if carry.driver_modes or settings.paths:
         others = tuple(known(other) for other in others)
     ego = ego_state(settings, motion, carry)
-    return Scene(time, settings.road, ego, others, world.stop_lines(others, carry.told))
+    return Scene(time, settings.road, ego, others, world.stop_lines(others, carry.told), world.rules)
 
 
 def drawn_poses(settings: EpisodeSettings, scene: Scene, time: float) -> list[VehicleState]:

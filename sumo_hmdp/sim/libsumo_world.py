@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import NoReturn, Self
 
 from sumo_hmdp.decision.sumo_driver import SumoDriver
+from sumo_hmdp.domain.road_rules import RoadRules
 from sumo_hmdp.domain.scene import EGO_ID, StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.sim import sumo, window
@@ -21,10 +22,10 @@ from sumo_hmdp.sim.background import Background
 from sumo_hmdp.sim.ghost import ghost_of, image_lane, second_lane
 from sumo_hmdp.sim.lane_order import restore_order
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.network_rules import rules_in_force
 from sumo_hmdp.sim.routes import Routes
 from sumo_hmdp.sim.signals import Breaches, breaches, closed_lines
 from sumo_hmdp.sim.sumo import libsumo
-from sumo_hmdp.sim.sumo_input import EGO_CLASS
 from sumo_hmdp.traffic.spawn import GHOST_PREFIX, DriverKind, Spawn
 
 # Nobody who crosses the road farther away can touch the ego in a step [m].
@@ -68,6 +69,13 @@ class LibsumoWorld:
         self._colliding: frozenset[tuple[str, str]] = frozenset()
         self._contacts: set[tuple[str, str]] = set()
         self._resources: ExitStack | None = None
+        self._rules = rules_in_force(self._network, settings.speed_limit)
+        self._too_fast: dict[str, float] = {}
+
+    @property
+    def rules(self) -> RoadRules:
+        """What the road forbids to everybody, the ego too."""
+        return self._rules
 
     @property
     def time(self) -> float:
@@ -95,10 +103,10 @@ class LibsumoWorld:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End SUMO, also after an error."""
+        """End SUMO, also after an error; one of SUMO's own leaves in this package's words."""
         if self._resources is not None:
-            self._resources.close()
-            self._resources = None
+            resources, self._resources = self._resources, None
+            resources.__exit__(kind, error, trace)
 
     def observe(self) -> tuple[VehicleState, ...]:
         """Return the surrounding vehicles that are on the road, ordered by id; of the background those in sight.
@@ -167,7 +175,7 @@ class LibsumoWorld:
             others = (seen, *self._on_road)
             self._background.change_lanes(self.step, others)
             self._background.make_room(others)
-        self._slow_to_desired()
+        self._slow_down()
         lights = sumo.lights(self._network)
         sumo.step(self.time)
         for vehicle in moved:
@@ -187,7 +195,7 @@ class LibsumoWorld:
             SimulationError: the world is not open.
         """
         self._require_open()
-        if self._background is None or not self._routes.needed:
+        if self._background is None or not self._routes.crossed:
             return ()
         return tuple(sorted(self._background.bodies.crossing(self._ego.x, _CROSSING_SIGHT), key=_name))
 
@@ -202,7 +210,7 @@ class LibsumoWorld:
             SimulationError: the world is not open.
         """
         self._require_open()
-        if not self._routes.needed:
+        if not self._routes.lines:
             return ()
         return closed_lines(self._routes, sumo.lights(self._network), self._ego, others, told)
 
@@ -240,9 +248,13 @@ class LibsumoWorld:
     def _start(self) -> None:
         settings, start, driver = self.settings, self._ego, self.settings.ego_driver
         kind = DriverKind.POSED if driver is None else DriverKind.IDM
+        if driver is not None and driver.forbidden_lanes:
+            sumo.give_rights(self._network)
         self._add(start, EGO_ID, image_lane(start.y, settings.road), kind)
         if driver is None:
             self._place(start)
+        else:
+            self._too_fast[EGO_ID] = driver.decel
         if settings.background is not None:
             self._background = Background(libsumo, settings.background, self._network, settings.dt, self._crowd)
         self._insert_due(start)
@@ -254,20 +266,40 @@ class LibsumoWorld:
             self._let_change_lanes(driver)
         self._on_road = self._read()
         self._note_contacts()
+        self._slow_down()
 
     def _let_change_lanes(self, driver: SumoDriver) -> None:
         """Leave the ego's lane changes to SUMO; it can also be kept out of a lane in which it starts, and leaves it."""
         libsumo.vehicle.setLaneChangeMode(EGO_ID, _OWN_LANE_CHANGES)
-        for name, lane in self._network.lane_of.items():
-            if lane in driver.forbidden_lanes:
-                libsumo.lane.setDisallowed(name, [EGO_CLASS])
+        if driver.forbidden_lanes:
+            sumo.keep_out(self._network, driver.forbidden_lanes)
 
-    def _slow_to_desired(self) -> None:
-        """Lower the top speed of an ego that SUMO drives and that has started faster than it wants to be."""
+    def _slow_down(self) -> None:
+        """Let those whom SUMO drives, and who have started too fast, come down to what they want and may drive.
+
+        SUMO would brake them as in an emergency. From then on SUMO keeps them to the limits of their lanes.
+        """
+        for vehicle in (self._ego, *self._on_road) if self._too_fast else ():
+            decel = self._too_fast.get(vehicle.id)
+            if decel is None:
+                continue
+            wanted = self._wanted_speed(vehicle.id)
+            limit = self._rules.speed_limit(self.settings.road.lane_at(vehicle.y), vehicle.x)
+            allowed = min(wanted, limit)
+            if vehicle.speed > allowed:
+                libsumo.vehicle.setMaxSpeed(vehicle.id, max(allowed, vehicle.speed - decel * self.settings.dt))
+                continue
+            if vehicle.speed > wanted or limit < wanted:
+                libsumo.vehicle.setMaxSpeed(vehicle.id, wanted)
+            sumo.obey_limits(vehicle.id)
+            del self._too_fast[vehicle.id]
+
+    def _wanted_speed(self, name: str) -> float:
         driver = self.settings.ego_driver
-        if driver is not None and self._ego.speed > driver.desired_speed:
-            top_speed = max(driver.desired_speed, self._ego.speed - driver.decel * self.settings.dt)
-            libsumo.vehicle.setMaxSpeed(EGO_ID, top_speed)
+        if name == EGO_ID and driver is not None:
+            return driver.desired_speed
+        spawn = self._spawns[name]
+        return spawn.speed if spawn.desired_speed is None else spawn.desired_speed
 
     def _insert_due(self, ego: VehicleState) -> None:
         """Let the vehicles in whose time has come; after the start, each as soon as its place is free."""
@@ -276,6 +308,8 @@ class LibsumoWorld:
         due, self._waiting = checks.entering(self._waiting, present, self.step, self.settings)
         for spawn in due:
             self._add(spawn, spawn.id, spawn.lane, spawn.driver)
+            if spawn.driver == DriverKind.IDM:
+                self._too_fast[spawn.id] = spawn.idm.decel
         if self._background is not None:
             others = (ego, *self._on_road)
             self._background.enter(self.time, lambda s: self._add(s, s.id, s.lane, s.driver), others)
@@ -296,7 +330,10 @@ class LibsumoWorld:
             y, heading = road.center_y(image_lane(vehicle.y, road)), 0.0
         sumo.move(vehicle.id, vehicle.x, y, heading, vehicle.speed)
         ghost = ghost_of(vehicle, self.settings.road, self._ghosts.get(vehicle.id))
-        if ghost is not None:
+        if ghost is not None and not self._network.lane_exists(ghost.x)[ghost.lane - 1]:
+            # Nobody follows there, and SUMO lets no car in.
+            self._drop_ghost(vehicle.id)
+        elif ghost is not None:
             name = GHOST_PREFIX + vehicle.id
             if vehicle.id not in self._ghosts:
                 self._add(ghost, name, ghost.lane, DriverKind.POSED)

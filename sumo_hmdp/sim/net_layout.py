@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.sim.net_xml import Connection, Edge, Net
+from sumo_hmdp.sim.net_xml import Connection, Edge, Lane, Net
 
+# netconvert writes two decimals: a number is off by half of the last one at most [m].
+ROUNDING = 0.005
 SAME = 1e-6
 
 
@@ -27,8 +29,29 @@ class Layout:
     @cached_property
     def numbers(self) -> dict[str, int]:
         """The number of each lane of the road, by SUMO's name of it."""
-        lanes = (lane for edge in self.main for lane in edge.lanes)
-        return {lane.id: self.road.lane_at(lane.shape[0][1]) for lane in lanes}
+        return {lane.id: self.road.lane_at(lane.shape[0][1]) for edge in self.main for lane in self.lanes_of(edge)}
+
+    def lanes_of(self, edge: Edge) -> list[Lane]:
+        """Return the lanes of an edge that are lanes of the road.
+
+        One that passenger cars may not use is a lane where it has a lane's width and place, as a bus lane; a sidewalk
+        or a bicycle lane beside the road is none.
+        """
+        return [lane for lane in edge.lanes if lane.is_open or self.fits(lane)]
+
+    def fits(self, lane: Lane) -> bool:
+        """Tell whether a lane has the width of a lane of the road, and begins where one is."""
+        return abs(lane.width - self.road.lane_width) <= ROUNDING + SAME and any(
+            abs(lane.shape[0][1] - self.road.center_y(number)) <= self.tolerance(number)
+            for number in range(1, self.road.lane_count + 1)
+        )
+
+    def tolerance(self, number: int) -> float:
+        """Return by how much y of a lane's centre may differ from the road's [m].
+
+        The centre is rounded, and so is the width that a scenario may have taken from the network.
+        """
+        return ROUNDING * (1.0 + abs((self.road.lane_count + 1) / 2 - number)) + SAME
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -89,10 +112,12 @@ def layout_of(net: Net, road: Road) -> Layout:
 
     An only edge is taken for the road wherever it is.
     """
-    half = 0.5 * road.lane_count * road.lane_width + SAME
+    half = 0.5 * road.lane_count * (road.lane_width + ROUNDING) + SAME
 
     def along(edge: Edge) -> bool:
-        return any(abs(lane.shape[0][1]) <= half and abs(lane.shape[-1][1]) <= half for lane in edge.lanes)
+        return any(
+            lane.is_open and abs(lane.shape[0][1]) <= half and abs(lane.shape[-1][1]) <= half for lane in edge.lanes
+        )
 
     main = [edge for edge in net.edges.values() if len(net.edges) == 1 or along(edge)]
     return Layout(net, road, tuple(sorted(main, key=lambda edge: edge.reach)))

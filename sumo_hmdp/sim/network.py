@@ -1,7 +1,7 @@
 """The road network of a world: where which lane exists, ramps, signals, and the ways onto the road and off it."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import pairwise, takewhile
 from pathlib import Path
@@ -11,129 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_hmdp.domain.road import Road
-from sumo_hmdp.errors import InputError
-from sumo_hmdp.sim.net_layout import Layout, layout_of
-from sumo_hmdp.sim.net_xml import Connection, read_net
+from sumo_hmdp.domain.road_rules import RoadRules
+from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.sim.net_layout import ROUNDING, SAME, Layout, layout_of
+from sumo_hmdp.sim.net_notes import notes_of
+from sumo_hmdp.sim.net_shape import left_hand_mistakes, shape_mistake
+from sumo_hmdp.sim.net_xml import Connection, Lane, parse_net, read_root
 from sumo_hmdp.sim.network_checks import layout_mistakes, road_mistakes
+from sumo_hmdp.sim.network_parts import LanePart, Place, Ramp, SideEntry, Signal, Stretch, Turn
+from sumo_hmdp.sim.network_rules import lane_notes, rules_of
+
+__all__ = ["LanePart", "Network", "Place", "Ramp", "SideEntry", "Signal", "Stretch", "Turn", "read_network"]
 
 _Value = TypeVar("_Value")
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """A part of the road on which the same lanes exist all along: an edge, or the inside of a junction.
-
-    Attributes:
-        edge: the name of SUMO's edge, None inside a junction.
-        x_begin: where it begins [m].
-        x_end: where the next one begins, or the road ends [m].
-        lane_ids: SUMO's names of lanes 1..n, None where the lane does not exist.
-    """
-
-    edge: str | None
-    x_begin: float
-    x_end: float
-    lane_ids: tuple[str | None, ...]
-
-    @property
-    def lanes(self) -> tuple[bool, ...]:
-        """Whether lanes 1..n exist."""
-        return tuple(lane is not None for lane in self.lane_ids)
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """A way onto the road, or off it, by a lane of its own and without a signal.
-
-    Attributes:
-        name: the edge that meets the road.
-        edges: the ramp's edges, in driving order.
-        lane: the auxiliary lane that an on-ramp becomes, or an off-ramp comes from.
-        x_begin: where the auxiliary lane begins [m].
-        x_end: where it ends [m].
-        route: edges from the ramp to the end of the road, or from the beginning of the road to the ramp.
-    """
-
-    name: str
-    edges: tuple[str, ...]
-    lane: int
-    x_begin: float
-    x_end: float
-    route: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Turn:
-    """A way off the road at a signal.
-
-    Attributes:
-        name: the edge that it leads to.
-        side: to which side of the road.
-        lanes: from which lanes it may be taken, from the left.
-        links: its places in the signal's state, one for each of these lanes.
-        route: edges from the beginning of the road to the end of the side street.
-    """
-
-    name: str
-    side: Literal["left", "right"]
-    lanes: tuple[int, ...]
-    links: tuple[int, ...]
-    route: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A junction with a traffic light.
-
-    Attributes:
-        name: of the traffic light.
-        x_stop: where the stop line is [m].
-        x_exit: where the junction ends [m].
-        straight: for lanes 1..n the place in the light's state, None where the lane does not go straight.
-        turns: the ways off the road.
-    """
-
-    name: str
-    x_stop: float
-    x_exit: float
-    straight: tuple[int | None, ...]
-    turns: tuple[Turn, ...]
-
-
-@dataclass(frozen=True)
-class SideEntry:
-    """A way onto the road at a signal.
-
-    Attributes:
-        name: the edge of the side street that meets the road.
-        signal: name of the traffic light.
-        x: where its vehicles are on the road, the end of the junction [m].
-        lanes: the lanes it may lead into, from the left.
-        links: its places in the signal's state, one for each of these lanes.
-        route: edges from the side street to the end of the road.
-    """
-
-    name: str
-    signal: str
-    x: float
-    lanes: tuple[int, ...]
-    links: tuple[int, ...]
-    route: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Place:
-    """A place on the road as SUMO has it.
-
-    Attributes:
-        number: of the edge, along the road.
-        lane_index: of the lane, from the right.
-        position: of the front bumper on the edge [m].
-    """
-
-    number: int
-    lane_index: int
-    position: float
 
 
 @dataclass(frozen=True)
@@ -147,6 +37,8 @@ class Network:
         off_ramps: along x.
         signals: along x.
         side_entries: along x.
+        side_limits: speed limits of the lanes that lead onto the road or off it, by SUMO's names [m/s].
+        notes: what the network says that changes how all drive, or that is not used; a line each.
     """
 
     road: Road
@@ -155,6 +47,13 @@ class Network:
     off_ramps: tuple[Ramp, ...] = ()
     signals: tuple[Signal, ...] = ()
     side_entries: tuple[SideEntry, ...] = ()
+    side_limits: Mapping[str, float] = field(default_factory=dict, hash=False)
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def rules(self) -> RoadRules:
+        """What the network forbids on the road: speeds, and lane changes."""
+        return rules_of(self.stretches)
 
     @property
     def x_begin(self) -> float:
@@ -187,7 +86,8 @@ class Network:
         number = next((n for n, edge in enumerate(edges) if x < edge.x_end), None)
         if number is None or x < self.x_begin or not edges[number].lanes[lane - 1]:
             raise InputError([f"lane {lane} must exist at x = {x} m. See networks/README.md"])
-        return Place(number, sum(edges[number].lanes[lane:]), max(0.0, x - edges[number].x_begin))
+        part = edges[number].lane_parts[lane - 1]
+        return Place(number, 0 if part is None else part.index, max(0.0, x - edges[number].x_begin))
 
     def in_junction(self, x: ArrayLike) -> NDArray[np.bool_]:
         """Tell which positions x [m] are inside a junction, any shape."""
@@ -205,13 +105,21 @@ class Network:
         return np.array(inner, dtype=float).reshape(-1, 2).T
 
     def lane_index(self, x: float, lane: int) -> int:
-        """Return SUMO's index of a lane at x [m]: how many lanes lie to its right there."""
-        return int(self.lane_exists(x)[lane:].sum())
+        """Return SUMO's index of a lane at x [m].
+
+        Raises:
+            InputError: the lane does not exist there.
+        """
+        part = next((s.lane_parts[lane - 1] for s in self.stretches if s.x_begin <= x < s.x_end), None)
+        if part is None:
+            raise InputError([f"lane {lane} must exist at x = {x} m. See networks/README.md"])
+        return part.index
 
     def lane_exists(self, x: ArrayLike) -> NDArray[np.bool_]:
-        """Return which lanes exist at positions x [m], shape (n,): boolean, shape (n, lanes), lane 1 first.
+        """Return which lanes cars may use at positions x [m], shape (n,): boolean, shape (n, lanes), lane 1 first.
 
-        Beside the road's ends, and where x is not a number, none does.
+        One that is closed to passenger cars is as good as none. Beside the road's ends, and where x is no number, there
+        is none.
         """
         positions = np.asarray(x, dtype=float)
         table, edges = self._table
@@ -224,8 +132,13 @@ class Network:
         table = np.array([nowhere, *(stretch.lanes for stretch in self.stretches), nowhere])
         return table, np.array([*(stretch.x_begin for stretch in self.stretches), self.x_end])
 
+    def is_closed(self, x: float, lane: int) -> bool:
+        """Tell whether there is a lane at x [m] that passenger cars may not use."""
+        part = next((s.lane_parts[lane - 1] for s in self.stretches if s.x_begin <= x < s.x_end), None)
+        return part is not None and not part.is_open
+
     def holds(self, x: float, y: float) -> bool:
-        """Tell whether a front centre at (x, y) [m] is on the road, in a lane that exists there."""
+        """Tell whether a front centre at (x, y) [m] is on the road, in a lane that cars may use there."""
         half = 0.5 * self.road.lane_width
         there = next((stretch for stretch in self.stretches if stretch.x_begin <= x < stretch.x_end), None)
         return there is not None and any(
@@ -250,28 +163,57 @@ def read_network(net_file: Path, road: Road) -> Network:
 @lru_cache(maxsize=16)
 def _read_network(net_file: Path, road: Road, version: tuple[int, ...]) -> Network:
     del version
-    layout = layout_of(read_net(net_file), road)
+    root = read_root(net_file)
+    net = parse_net(root, str(net_file))
+    problems = list(left_hand_mistakes(net))
+    layout = layout_of(net, road)
     # What leads where can be told only once every lane is in its place.
-    problems = list(road_mistakes(layout)) or list(layout_mistakes(layout))
+    problems = problems or list(road_mistakes(layout)) or list(layout_mistakes(layout))
+    if problems and not net.left_hand and (shape := shape_mistake(net)) is not None:
+        # What is no road at all has a mistake in every lane, none of which helps.
+        problems = [shape]
+    problems += [Problem("network", text) for text in net.dangling]
     if problems:
         raise InputError(problems, str(net_file))
     stretches = tuple(_stretches(layout))
     ramps = [_on_ramp(layout, stretches, group[0]) for group in layout.entries if group[0].signal is None]
     exits = [_off_ramp(layout, stretches, group[0]) for group in layout.exits if group[0].signal is None]
     entries = [_side_entry(layout, group) for group in layout.entries if group[0].signal is not None]
-    return Network(road, stretches, tuple(ramps), tuple(exits), tuple(_signals(layout)), tuple(entries))
+    beside = [edge for name, edge in net.edges.items() if name not in layout.names]
+    return Network(
+        road,
+        stretches,
+        tuple(ramps),
+        tuple(exits),
+        tuple(_signals(layout)),
+        tuple(entries),
+        side_limits={lane.id: lane.speed for edge in beside for lane in edge.lanes},
+        notes=(*lane_notes(stretches, layout), *notes_of(root)),
+    )
 
 
 def _stretches(layout: Layout) -> Iterator[Stretch]:
     for number, edge in enumerate(layout.main):
         x_begin, x_end = edge.reach
-        yield Stretch(edge.id, x_begin, x_end, _by_lane(layout, {lane.id: lane.id for lane in edge.lanes}))
-        if number + 1 < len(layout.main) and layout.main[number + 1].reach[0] > x_end:
-            straight = {link.lane: link.via for link in layout.straight(number)}
+        yield Stretch(
+            edge.id, x_begin, x_end, _by_lane(layout, {lane.id: _part(lane) for lane in layout.lanes_of(edge)})
+        )
+        if number + 1 < len(layout.main) and layout.main[number + 1].reach[0] > x_end + 2 * ROUNDING + SAME:
+            straight = {link.lane: _inner_part(layout, link) for link in layout.straight(number)}
             yield Stretch(None, x_end, layout.main[number + 1].reach[0], _by_lane(layout, straight))
 
 
-def _by_lane(layout: Layout, values: dict[str, _Value]) -> tuple[_Value | None, ...]:
+def _part(lane: Lane) -> LanePart:
+    return LanePart(lane.id, lane.index, lane.speed, lane.is_open, lane.left, lane.right)
+
+
+def _inner_part(layout: Layout, link: Connection) -> LanePart | None:
+    """Return the lane inside a junction by which a connection leads."""
+    lane = None if link.via is None else layout.net.inner.get(link.via)
+    return None if lane is None else _part(lane)
+
+
+def _by_lane(layout: Layout, values: Mapping[str, _Value | None]) -> tuple[_Value | None, ...]:
     """Return what belongs to lanes 1..n, given by SUMO's name of the lane."""
     by_number = {layout.numbers[name]: value for name, value in values.items()}
     return tuple(by_number.get(lane) for lane in range(1, layout.road.lane_count + 1))

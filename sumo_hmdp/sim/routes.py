@@ -58,6 +58,17 @@ class Routes:
         """Tell whether a lane ends anywhere, or somebody may want to leave."""
         return bool(self.exits) or bool(np.isfinite(self._ends[None]).any())
 
+    @cached_property
+    def lines(self) -> bool:
+        """Tell whether a stop line may ever be closed: a lane ends or is closed, somebody turns off, or a signal."""
+        lanes = (lane for stretch in self.network.stretches for lane in stretch.lane_parts)
+        return self.needed or bool(self.network.signals) or any(lane is not None and not lane.is_open for lane in lanes)
+
+    @cached_property
+    def crossed(self) -> bool:
+        """Tell whether vehicles may come near the road without driving along it."""
+        return self.needed or bool(self.entries)
+
     def edges(self, number: int, exit_name: str | None) -> tuple[str, ...]:
         """Return the edges from the main edge with a number to an exit, or to the end of the road."""
         route = self.network.route if exit_name is None else self.exits[exit_name].route

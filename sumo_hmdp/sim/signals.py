@@ -8,7 +8,9 @@ import numpy as np
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import StopLine, VehicleState
+from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.network import Signal
+from sumo_hmdp.sim.right_of_way import AMBER, GOES, STOPS, YIELDS
 from sumo_hmdp.sim.routes import Routes
 
 # Who has to brake harder than this after a second of reaction may pass at amber: 10 ft/s2 and 1 s are the values from
@@ -122,9 +124,12 @@ def _closes(
     signal: Signal, lane: int, letter: str, ego: VehicleState, others: Iterable[VehicleState], held: set[int]
 ) -> bool:
     """Tell whether a lane's line is closed; `held` are the lanes for which it was when the ego last decided."""
-    if letter not in "yYgG":
+    if letter in STOPS:
         return True
-    return (lane in held or _can_stop(ego, signal.x_stop)) and (letter in "yY" or _blocked(signal, lane, ego, others))
+    if letter not in AMBER + GOES + YIELDS:
+        raise SimulationError(f"signal {signal.name} must show a letter of SUMO's, got {letter!r} for lane {lane}.")
+    # Where it would have to yield to somebody, the network has been refused.
+    return (lane in held or _can_stop(ego, signal.x_stop)) and (letter in AMBER or _blocked(signal, lane, ego, others))
 
 
 def _can_stop(ego: VehicleState, x_stop: float) -> bool:
@@ -166,7 +171,7 @@ def breaches(
     for signal in routes.network.signals:
         link = signal.straight[lane - 1]
         if before.x <= signal.x_stop < after.x:
-            red |= link is None or lights[signal.name][link] in "rR"
+            red |= link is None or lights[signal.name][link] in STOPS
         inside = after.x > signal.x_stop and after.x - after.length < signal.x_exit
         stands |= inside and after.speed < _STANDS
     return Breaches(red, stands)

@@ -15,10 +15,23 @@ from sumo_hmdp.sim import window
 from sumo_hmdp.sim import world_checks as checks
 from sumo_hmdp.sim.network import Network
 from sumo_hmdp.sim.routes import Routes
-from sumo_hmdp.sim.sumo_input import SPEED_FACTOR, sumo_command, type_id, vehicle_types
+from sumo_hmdp.sim.sumo_input import EGO_CLASS, SPEED_FACTOR, sumo_command, type_id, vehicle_types
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 
-__all__ = ["IN_WINDOW", "insert", "libsumo", "lights", "move", "read_vehicle", "simulation", "step", "sumo_version"]
+__all__ = [
+    "IN_WINDOW",
+    "give_rights",
+    "insert",
+    "keep_out",
+    "libsumo",
+    "lights",
+    "move",
+    "obey_limits",
+    "read_vehicle",
+    "simulation",
+    "step",
+    "sumo_version",
+]
 
 # SUMO's Python package prints a notice about pyarrow to standard output without it.
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
@@ -59,21 +72,66 @@ def simulation(
             )
             if IN_WINDOW and ego is not None:
                 command = window.command(command)
+            _load(command, settings.net_file)
+            if settings.speed_limit is not None:
+                _set_limit(network, settings.speed_limit)
+            # What SUMO says reaches nobody raw, whatever it was asked.
             try:
-                libsumo.start(command)
+                yield
             except _SUMO_ERRORS as error:
-                raise SimulationError(f"SUMO must load {settings.net_file}, got: {error}") from error
-            _limit_turns(network)
-            yield
+                raise SimulationError(f"SUMO must carry out what it is told, got: {_words(error)}") from error
         finally:
             _close()
 
 
-def _limit_turns(network: Network) -> None:
-    """Hold turning vehicles to what a turn allows: a driver may be faster than a road's limit, but not there."""
+def _load(command: list[str], net_file: Path) -> None:
+    try:
+        libsumo.start(command)
+    except _SUMO_ERRORS as error:
+        raise SimulationError(f"SUMO must load {net_file}, got: {_words(error)}") from error
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _set_limit(network: Network, limit: float) -> None:
+    """Put a limit in the place of the network's; turning vehicles are held to what a turn allows.
+
+    Drivers may be faster than the limit, but not in a turn.
+    """
     for lane in libsumo.lane.getIDList():
         if lane.startswith(":") and lane not in network.lane_of:
             libsumo.lane.setMaxSpeed(lane, libsumo.lane.getMaxSpeed(lane) / SPEED_FACTOR)
+        else:
+            libsumo.lane.setMaxSpeed(lane, limit)
+
+
+def obey_limits(name: str) -> None:
+    """Let a vehicle that SUMO drives keep to the limits of its lanes, from the coming step on."""
+    libsumo.vehicle.setSpeedFactor(name, 1.0)
+
+
+def keep_out(network: Network, lanes: Iterable[int]) -> None:
+    """Keep the ego's own class out of lanes, and give it in all others the rights of a passenger car."""
+    forbidden = frozenset(lanes)
+    parts = [(number, part) for s in network.stretches for number, part in enumerate(s.lane_parts, 1) if part]
+    for number, part in parts:
+        if number in forbidden or not part.is_open:
+            libsumo.lane.setDisallowed(part.id, [*libsumo.lane.getDisallowed(part.id), EGO_CLASS])
+
+
+def give_rights(network: Network) -> None:
+    """Give the ego's own class the rights of a passenger car."""
+    for stretch in network.stretches:
+        for part in filter(None, stretch.lane_parts):
+            allowed = libsumo.lane.getAllowed(part.id)
+            if part.is_open and allowed and EGO_CLASS not in allowed:
+                libsumo.lane.setAllowed(part.id, [*allowed, EGO_CLASS])
+            for direction, may in ((1, part.left), (-1, part.right)):
+                classes = libsumo.lane.getChangePermissions(part.id, direction)
+                if may and classes and EGO_CLASS not in classes:
+                    libsumo.lane.setChangePermissions(part.id, [*classes, EGO_CLASS], direction)
 
 
 def lights(network: Network) -> dict[str, str]:

@@ -6,12 +6,14 @@ from xml.etree import ElementTree as ET
 
 from sumo_hmdp.decision.sumo_driver import SumoDriver
 from sumo_hmdp.domain.scene import VehicleState
-from sumo_hmdp.traffic.spawn import IDM_KINDS, IdmParameters, Spawn
+from sumo_hmdp.traffic.spawn import IDM_KINDS, DriverKind, IdmParameters, Spawn
 
 # No vehicle whose speed is commanded may be slowed to its type's top speed [m/s].
 _UNLIMITED = 1000.0
-# Drivers differ in the speed they want; it may be above a road's limit, and so many times above it.
+# Where a scenario's limit takes the place of the network's, drivers may be above it, and so many times above it.
 SPEED_FACTOR = 10.0
+# SUMO refuses to insert anybody who is faster than this many times a lane's limit.
+_AT_ANY_SPEED = 1e5
 # A class of its own can be kept out of a lane that the traffic uses.
 EGO_CLASS = "custom1"
 
@@ -39,6 +41,8 @@ def vehicle_types(
         if spawn.driver in IDM_KINDS:
             top_speed = spawn.speed if spawn.desired_speed is None else spawn.desired_speed
             element.attrib |= _idm(spawn.idm, top_speed, dt)
+        if spawn.driver == DriverKind.BACKGROUND:
+            element.set("speedFactor", repr(float(spawn.speed_factor or SPEED_FACTOR)))
     return ET.tostring(root, encoding="unicode")
 
 
@@ -75,7 +79,7 @@ def _add_type(root: ET.Element, vehicle_id: str, length: float, width: float) ->
         width=repr(float(width)),
         minGap="0",
         speedDev="0",
-        speedFactor=repr(SPEED_FACTOR),
+        speedFactor=repr(_AT_ANY_SPEED),
         maxSpeed=repr(_UNLIMITED),
         # Without it SUMO brakes whoever drives in a lane to the right of a slower vehicle.
         lcOvertakeRight="1",

@@ -32,6 +32,7 @@ class WorldSettings:
         ego_driver: how SUMO drives the ego, None where the ego is moved by its pose.
         background: what the background drivers have in common, None where there are none.
         sight: background vehicles farther from the ego along the road are not observed [m].
+        speed_limit: of the whole road, instead of what the network says; None obeys the network [m/s].
     """
 
     net_file: Path
@@ -41,6 +42,7 @@ class WorldSettings:
     ego_driver: SumoDriver | None = None
     background: BackgroundSettings | None = None
     sight: float = 200.0
+    speed_limit: float | None = None
 
     @property
     def lane_change_time(self) -> float | None:
@@ -91,9 +93,12 @@ def start_problems(network: Network, ego: VehicleState, others: Sequence[Spawn],
             message = f"x must be at least {first} and below {network.x_end} m, got {start.x} m."
             problems.append(Problem(where, f"{message} The whole vehicle must be on the road."))
         elif isinstance(start, Spawn) and not network.lane_exists(start.x)[start.lane - 1]:
-            problems.append(Problem(f"{where}.lane", f"lane must exist at x = {start.x} m, got {start.lane}."))
+            problems.append(
+                Problem(f"{where}.lane", f"lane {_lane_at(network, start.x, start.lane)}, got {start.lane}.")
+            )
         elif isinstance(start, VehicleState) and not network.holds(start.x, start.y):
-            message = f"lane must exist at x = {start.x} m, got y = {start.y} m. Change the lane or x."
+            lane = network.road.lane_at(start.y)
+            message = f"lane {_lane_at(network, start.x, lane)}, got y = {start.y} m. Change the lane or x."
             problems.append(Problem("ego.lane", message))
     states = [spawn_state(spawn, network.road) for spawn in others if entry_step(spawn, dt) == 0]
     for i, state in enumerate((ego, *states)):
@@ -103,6 +108,13 @@ def start_problems(network: Network, ego: VehicleState, others: Sequence[Spawn],
                 message = f"{state.id} and {other.id} must not start in each other, got an overlap of {depth:.2f} m"
                 problems.append(Problem("", f"{message}. Move one of them."))
     return problems
+
+
+def _lane_at(network: Network, x: float, lane: int) -> str:
+    """Say what a lane must be at x [m], where a car may not start in it."""
+    if network.is_closed(x, lane):
+        return f"must be open to passenger cars at x = {x} m"
+    return f"must exist at x = {x} m"
 
 
 def spawn_state(spawn: Spawn, road: Road) -> VehicleState:

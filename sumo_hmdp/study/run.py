@@ -202,6 +202,7 @@ def run_manifest(run: ReadyRun) -> dict[str, Any]:
         "versions": versions(),
         "parameters": dict(run.parameters),
         "configuration": dict(run.configuration),
+        "network_notes": list(run.notes),
     }
 
 

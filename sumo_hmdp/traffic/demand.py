@@ -201,6 +201,7 @@ def to_spawn(vehicle: BackgroundVehicle) -> Spawn:
         traits.width,
         vehicle.time,
         traits.idm,
+        speed_factor=traits.speed_factor,
     )
 
 

@@ -125,6 +125,8 @@ class Traits:
         desired_speed: on a free road [m/s].
         idm: how it follows.
         politeness: weight of what followers gain or lose by its lane changes.
+        speed_factor: its desired speed as a multiple of its class's mean: where a limit is below that mean, it drives
+            at so many times the limit.
     """
 
     class_name: str
@@ -133,6 +135,7 @@ class Traits:
     desired_speed: float
     idm: IdmParameters
     politeness: float
+    speed_factor: float = 1.0
 
 
 def class_problems(classes: Sequence[VehicleClass]) -> Iterator[Problem]:
@@ -214,7 +217,8 @@ def drivers_of(traits: Sequence[Traits]) -> Drivers:
 
 def _traits(kind: VehicleClass, desired_speed: float, time_gap: float, politeness: float) -> Traits:
     idm = IdmParameters(kind.min_gap, time_gap, kind.accel, kind.decel, kind.exponent)
-    return Traits(kind.name, kind.length, kind.width, desired_speed, idm, politeness)
+    factor = desired_speed / kind.desired_speed.mean
+    return Traits(kind.name, kind.length, kind.width, desired_speed, idm, politeness, factor)
 
 
 def _km_per_h(mean: float, std: float, low: float, high: float) -> TruncatedNormal:

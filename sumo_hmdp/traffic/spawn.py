@@ -72,6 +72,7 @@ class Spawn:
             meaning until it gets there.
         exit: the way off the road that a `background` vehicle wants, None for the road's end.
         courteous: whether a `background` driver lets others in.
+        speed_factor: how many times the speed limit of a lane it wants to drive at most; None is above any limit.
     """
 
     id: str
@@ -88,6 +89,7 @@ class Spawn:
     entry: str | None = None
     exit: str | None = None
     courteous: bool = False
+    speed_factor: float | None = None
 
 
 def spawn_problems(spawns: Sequence[Spawn], road: Road, where: str = "spawns") -> list[Problem]:

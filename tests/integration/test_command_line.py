@@ -99,8 +99,8 @@ def test_json_of_check_names_every_problem_by_its_path(call, short_case, tmp_pat
     problem = {"path": "duraton_s", "message": "unknown key; did you mean `duration_s`?"}
     assert json.loads(finished.out) == {
         "files": [
-            {"file": "case2", "ok": True, "problems": []},
-            {"file": str(bad), "ok": False, "problems": [problem]},
+            {"file": "case2", "ok": True, "problems": [], "notes": []},
+            {"file": str(bad), "ok": False, "problems": [problem], "notes": []},
         ]
     }
 

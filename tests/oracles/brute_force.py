@@ -224,8 +224,54 @@ def ego_motion(problem, x, speed, mode, mode_before=0):
     return x + speed * T + mode * accel * T**2 / 2.0, after
 
 
-def ego_step(problem, branch_steps, before, lateral, mode, *, last):
-    """Return the EgoState after an action, or None where it is not admissible, touches a vehicle or passes
+def drive_on(x, speed, accel, time, top):
+    """Return x after a time of accelerating by accel, which ends at rest or at the speed top."""
+    until = time
+    if accel < 0.0:
+        until = min(time, speed / -accel)
+        return x + speed * until + accel * until**2 / 2.0
+    if accel > 0.0:
+        until = min(time, max(0.0, top - speed) / accel)
+    after = speed + accel * until
+    return x + (speed + after) / 2.0 * until + after * (time - until)
+
+
+def crosses_a_line(problem, k, lane, lateral):
+    """Tell whether the change of step k + 1 may cross a line that must not be crossed [17]."""
+    planner, ego = problem["planner"], problem["ego"]
+    T, accel, top = planner["period_s"], planner["accel_mps2"], planner["speed_max_mps"]
+    end = k * T + setting(problem, "lane_change_time_s")
+    rear = drive_on(ego["x_m"], ego["speed_mps"], -accel, k * T, top) - ego.get("length_m", DEFAULT_LENGTH)
+    front = drive_on(ego["x_m"], ego["speed_mps"], accel, end, top)
+    sides = {"left": -1, "right": 1}
+    return any(
+        line["lane"] == lane and sides[line["to"]] == lateral and line["x_begin_m"] < front and rear < line["x_end_m"]
+        for line in problem.get("no_change", [])
+    )
+
+
+def speed_allowed(problem, k, lane):
+    """Return the greatest speed of the ego at the end of step k in a lane by the road's limits [17]."""
+    planner, ego = problem["planner"], problem["ego"]
+    T, accel = planner["period_s"], planner["accel_mps2"]
+    far = drive_on(ego["x_m"], ego["speed_mps"], accel, k * T, planner["speed_max_mps"])
+    allowed = math.inf
+    for zone in problem.get("speed_zones", []):
+        if zone["lane"] == lane and ego["x_m"] < zone["x_end_m"]:
+            # v^2 = u^2 + 2 (accel / 2) d
+            allowed = min(allowed, math.sqrt(zone["speed_mps"] ** 2 + accel * max(0.0, zone["x_begin_m"] - far)))
+    if lane != ego["lane"]:
+        return allowed
+    speed, mode = ego["speed_mps"], MODES[ego["mode"]]
+    for _ in range(k):
+        mode = max(-1, mode - 1)
+        moved = ego_motion(problem, 0.0, speed, mode)
+        speed = speed if moved is None else moved[1]
+    return max(allowed, speed)
+
+
+def ego_step(problem, branch_steps, before, lateral, mode, *, last, k):
+    """Return the EgoState after the action of step k, or None where it is not admissible, touches a vehicle or passes
     through one [6, 7]. At the last step the ego must be able to stop before its lines."""
     lane = before.lane + lateral
     if not 1 <= lane <= problem["lanes"]["count"] or lane in problem["planner"]["forbidden_lanes"]:
@@ -236,6 +282,10 @@ def ego_step(problem, branch_steps, before, lateral, mode, *, last):
     if moved is None:
         return None
     x, speed = moved
+    if crosses_a_line(problem, k - 1, before.lane, lateral):
+        return None
+    if speed > speed_allowed(problem, k, lane) + SPEED_TOLERANCE:
+        return None
     leaving, lanes = lanes_after(problem, before, lane)
     beyond = beyond_lines(problem, lane, lanes, stopping_place(problem, x, speed, mode) if last else x)
     violation = step_violation(problem, before, lanes, x, speed, branch_steps, beyond)
@@ -272,7 +322,8 @@ def all_plans(problem, steps):
         for lateral in (0, -1, 1):
             for mode in (0, 1, -1):
                 last = len(plan) == horizon - 1
-                step = ego_step(problem, steps[len(plan) + 1], state, lateral, mode, last=last)
+                k = len(plan) + 1
+                step = ego_step(problem, steps[k], state, lateral, mode, last=last, k=k)
                 if step is not None:
                     extend([*plan, step], step, violation + step.violation)
 
@@ -327,7 +378,8 @@ def follow(problem, lateral, longitudinal):
     branch_steps = predict(problem)[0][1:]
     states = [ego_now(problem)]
     for k in range(horizon):
-        step = ego_step(problem, branch_steps[k], states[-1], lateral[k], longitudinal[k], last=k == horizon - 1)
+        last = k == horizon - 1
+        step = ego_step(problem, branch_steps[k], states[-1], lateral[k], longitudinal[k], last=last, k=k + 1)
         if step is None:
             return None
         states.append(step)

@@ -41,6 +41,12 @@ def line_problems():
 
 
 @pytest.fixture(scope="session")
+def rule_problems():
+    """The module rule_problems: random_rule_problem(rng)."""
+    return _load("rule_problems")
+
+
+@pytest.fixture(scope="session")
 def agreement():
     """The module agreement: disagreements(brute_force, problem, solvers)."""
     return _load("agreement")

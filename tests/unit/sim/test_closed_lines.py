@@ -42,8 +42,13 @@ def test_green_closes_nothing(routes, letter):
     assert closed_lines(routes, lights(routes, letter), EGO, ()) == ()
 
 
-@pytest.mark.parametrize("letter", ["u", "s", "o"])
-def test_a_light_that_is_neither_green_nor_amber_is_closed(routes, letter):
+@pytest.mark.parametrize("letter", ["G", "g", "O", "o", "s"])
+def test_a_light_that_is_off_or_asks_to_yield_to_nobody_is_open(routes, letter):
+    assert closed_lines(routes, lights(routes, letter), EGO, ()) == ()
+
+
+@pytest.mark.parametrize("letter", ["r", "R", "u", "U"])
+def test_a_light_that_is_red_is_closed(routes, letter):
     assert closed_lines(routes, lights(routes, letter), EGO, ()) == (StopLine(EVERY, 299.0),)
 
 
