@@ -12,7 +12,7 @@ from sumo_hmdp.report.study_traces import TracedCell
 
 _COLUMNS = [
     "cell", "risk_allocation", "status", "risk_level", "per", "violation_count", "trial_count", "run_count",
-    "violation_rate", "low_rate", "high_rate", "design_effect", "verdict",
+    "violation_rate", "low_rate", "high_rate", "effective_count", "df_count", "verdict",
 ]  # fmt: skip
 _STEP_COLUMNS = [name for name in _COLUMNS if name not in {"per", "verdict"}]
 _STEP_COLUMNS.insert(3, "horizon_step")
