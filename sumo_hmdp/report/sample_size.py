@@ -29,8 +29,7 @@ def runs_for_half_width(std: float, half_width: float, level: float = 0.95) -> i
 def pairs_for_difference(std: float, difference: float, significance: float = 0.05, power: float = 0.8) -> int:
     """Return the least number of pairs with which a paired t-test finds a true difference.
 
-    Its power is that of the noncentral t distribution (Cohen, Statistical Power Analysis, 1988). The Wilcoxon test
-    needs at most 16 % more (Hodges and Lehmann, Ann. Math. Statist. 27, 1956), on normal differences 5 %.
+    Its power is that of the noncentral t distribution (Cohen, Statistical Power Analysis, 1988).
 
     Args:
         std: standard deviation of the differences in a pilot.
