@@ -18,10 +18,19 @@ from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.decision.search import SearchTooLargeError
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
-from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PlanBound, PredictedBranch, TriedAction
+from sumo_hmdp.domain.plan import (
+    Command,
+    Decision,
+    ForbiddenInterval,
+    PlanBound,
+    PredictedBranch,
+    PredictedMotion,
+    TriedAction,
+)
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.branches import Branches, PredictedVehicle, covariances, lateral_means
+from sumo_hmdp.prediction.distribution import distributions
 from sumo_hmdp.prediction.dynamics import Noise
 from sumo_hmdp.prediction.policy import ScheduledPolicy
 from sumo_hmdp.prediction.reading import read_maneuver
@@ -213,6 +222,20 @@ class HmdpEvidence:
     def branches(self) -> tuple[PredictedBranch, ...]:
         """Return the likeliest branches of each vehicle."""
         return shown_branches(self.problem, self.answer.branches)
+
+    def prediction(self) -> tuple[PredictedMotion, ...]:
+        """Return the whole prediction of each vehicle, from all branches."""
+        problem = self.problem
+        return tuple(
+            PredictedMotion(
+                found.vehicle_id,
+                found.pruned,
+                tuple(map(tuple, found.lanes.tolist())),
+                *(tuple(each.tolist()) for each in (found.x_mean, found.x_std, found.y_mean, found.y_std)),
+                tuple(map(tuple, found.x_quantiles.tolist())),
+            )
+            for found in distributions(self.answer.branches, problem.road, problem.settings.prediction())
+        )
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:
         """Return what is forbidden in each lane taken alone, at the ego's present speed."""

@@ -129,7 +129,7 @@ def violation_rates(
     found = []
     for key, group in rows.groupby(keys, dropna=False, sort=True):
         for unit in units:
-            trials = _trials(group, unit)
+            trials = trials_of(group, unit)
             measured = _interval_of(trials, level)
             risk_level = float(group["risk_level"].iloc[0])
             claimed = unit != "run" and group["status"].iloc[0] in KEEPING
@@ -151,8 +151,13 @@ def violation_rates(
     return pd.DataFrame(found)
 
 
-def _trials(group: pd.DataFrame, unit: str) -> pd.DataFrame:
-    """Return one row per trial: run_id and violated."""
+def trials_of(group: pd.DataFrame, unit: str) -> pd.DataFrame:
+    """Return one row per trial: run_id and violated.
+
+    Args:
+        group: as `audit_run` returns it, with `cut_by_contact`: whether its run ended in contact.
+        unit: step, plan or run.
+    """
     if unit == "step":
         return group.loc[group["observed"], ["run_id", "violated"]]
     plans = group.groupby(["run_id", "decision_index"], as_index=False).agg(

@@ -21,10 +21,8 @@ from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.proportion import PairedRates, clopper_pearson
 from sumo_hmdp.report.frames import Cell, FloatArray, by_seed, cell_label, cells_of, is_binary, require_columns
 from sumo_hmdp.report.mean_test import RESAMPLES, MeanTest, resamples_for
-from sumo_hmdp.report.sample_size import pairs_for_difference
+from sumo_hmdp.report.sample_size import FEWEST_PAIRS, pairs_for_difference
 
-# With fewer, resamples have too few values to choose from for their tails to mean anything.
-FEWEST_PAIRS = 6
 # A level and the p-value that is equal to it on paper differ by rounding.
 _SLACK = 1e-9
 

@@ -83,9 +83,9 @@ def audit_table(audit: StudyAudit) -> StudyTable:
         "A planned step is violated where, at its instant, a vehicle that the plan kept a distance to and that took up "
         "a lane of the plan was nearer than the planner's own safe distance. Intervals: the runs are the "
         "sampling unit (Korn and Graubard); effective is the number of independent plans that would tell as much, and "
-        "without a violation that is the number of runs. The claims hold where vehicles move as predicted, which those "
-        "that SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are not optimal "
-        "claim nothing."
+        "without a violation that is the number of runs. The claims hold where vehicles move as predicted, which "
+        "those that SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are "
+        "not optimal claim nothing."
     )
     frame = audit.rates.rename(columns={"cell_label": "cell"})[_COLUMNS]
     return StudyTable(

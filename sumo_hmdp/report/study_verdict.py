@@ -8,7 +8,6 @@ import pandas as pd
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.registry import Better
 from sumo_hmdp.report.comparison import (
-    FEWEST_PAIRS,
     Comparison,
     Pairs,
     Wording,
@@ -17,6 +16,7 @@ from sumo_hmdp.report.comparison import (
     pairs_needed,
     verdict,
 )
+from sumo_hmdp.report.sample_size import FEWEST_PAIRS
 from sumo_hmdp.report.study_data import StudyData, baseline_of
 from sumo_hmdp.report.study_table import StudyTable, interval, listed, number, p_text, printed
 
