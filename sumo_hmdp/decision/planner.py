@@ -228,11 +228,14 @@ class HmdpEvidence:
         problem = self.problem
         return tuple(
             PredictedMotion(
-                found.vehicle_id,
-                found.pruned,
-                tuple(map(tuple, found.lanes.tolist())),
-                *(tuple(each.tolist()) for each in (found.x_mean, found.x_std, found.y_mean, found.y_std)),
-                tuple(map(tuple, found.x_quantiles.tolist())),
+                vehicle_id=found.vehicle_id,
+                pruned=found.pruned,
+                lanes=tuple(map(tuple, found.lanes.tolist())),
+                x_mean=tuple(found.x_mean.tolist()),
+                x_std=tuple(found.x_std.tolist()),
+                y_mean=tuple(found.y_mean.tolist()),
+                y_std=tuple(found.y_std.tolist()),
+                x_quantiles=tuple(map(tuple, found.x_quantiles.tolist())),
             )
             for found in distributions(self.answer.branches, problem.road, problem.settings.prediction())
         )

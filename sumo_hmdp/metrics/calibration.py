@@ -59,7 +59,8 @@ def lane_probabilities(realised: pd.DataFrame) -> NDArray[np.float64]:
     """Return the probability of each lane, (N, L): what was pruned is spread evenly over all of them."""
     kept = np.array(realised["lane_probs"].tolist(), dtype=np.float64)
     spread = np.maximum(realised["pruned_prob"].to_numpy(np.float64), LEAST_MASS)[:, None]
-    return kept / kept.sum(axis=1, keepdims=True) * (1 - spread) + spread / kept.shape[1]
+    whole: NDArray[np.float64] = kept / kept.sum(axis=1, keepdims=True) * (1 - spread) + spread / kept.shape[1]
+    return whole
 
 
 def lane_scores(realised: pd.DataFrame) -> pd.DataFrame:

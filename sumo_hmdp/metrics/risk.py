@@ -21,9 +21,9 @@ def _rate(unit: str) -> Callable[[RunData], float]:
 RISK = tuple(
     Metric(
         f"{unit}_violation_rate", f"violation rate per {unit}", "1", Better.LOWER,
-        f"share of {what} that a vehicle which the plan kept a distance to then came nearer than the safe distance",
+        f"share of {what} a vehicle that the plan kept a distance to then came nearer than the safe distance",
         defined="the planner keeps a safe distance, and a plan that claims to (optimal, incumbent) was seen to its end",
         compute=_rate(unit), of_decisions=True,
     )
-    for unit, what in (("plan", "plans, over all their steps, in"), ("step", "planned steps at"))
+    for unit, what in (("plan", "plans at any step of which"), ("step", "planned steps at which"))
 )  # fmt: skip

@@ -57,9 +57,9 @@ def distributions(branches: Branches, road: Road, settings: PredictionSettings) 
             continue
         weights, x, std = shares[rows], branches.x[rows], branches.x_std[index]
         x_mean, y_mean = weights @ x, weights @ y[rows]
-        lanes = np.stack(
+        lanes: FloatArray = np.stack(
             [
-                np.bincount(lane - 1, branches.probability[rows], road.lane_count)[: road.lane_count]
+                np.bincount(lane - 1, branches.probability[rows], road.lane_count).astype(np.float64)
                 for lane in branches.lanes[rows].T
             ]
         )

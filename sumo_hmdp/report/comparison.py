@@ -225,16 +225,15 @@ def cell_pairs(
         known = "; ".join(cell_label(key) for key in cells)
         raise InputError([f"the reference must be a cell, got {cell_label(reference)}. Cells: {known}"])
     both = combinations(cells, 2) if reference is None else ((key, reference) for key in cells if key != reference)
-    return [
-        pair_up(
-            *(by_seed(cells[key], metric, seed, cell_label(key)) for key in (first, second)),
-            metric,
-            (cell_label(first), cell_label(second)),
-            binary=is_binary(runs[metric]),
-        )
-        for first, second in both
-        for metric in metrics
-    ]
+    found = []
+    for first, second in both:
+        names = cell_label(first), cell_label(second)
+        for metric in metrics:
+            one, two = (
+                by_seed(cells[key], metric, seed, name) for key, name in zip((first, second), names, strict=True)
+            )
+            found.append(pair_up(one, two, metric, names, binary=is_binary(runs[metric])))
+    return found
 
 
 def compare_pairs(

@@ -70,8 +70,8 @@ def audit_table(audit: StudyAudit) -> StudyTable:
     for row in audit.rates.to_dict("records"):
         asked, rate = row["risk_level"], row["violation_rate"]
         ratio = number(rate / asked, 2) if asked and asked > 0 else number(None)
-        counted = f"{row['violation_count']} of {row['trial_count']}", str(row["run_count"])
-        counted += (number(row["effective_count"]),)
+        runs = str(row["run_count"]), number(row["effective_count"])
+        counted = f"{row['violation_count']} of {row['trial_count']}", *runs
         measured = number(100 * rate), interval(100 * row["low_rate"], 100 * row["high_rate"]), ratio
         told = row["status"], str(row["per"]), number(100 * asked)
         rows.append((row["cell_label"], str(row["risk_allocation"]), *told, *counted, *measured, str(row["verdict"])))

@@ -6,7 +6,6 @@ from sumo_hmdp.report.sample_size import FEWEST_PAIRS, pairs_for_rates, runs_for
 from sumo_hmdp.report.study_data import baseline_of, named_cells
 from sumo_hmdp.report.study_verdict import COMPARED
 from sumo_hmdp.study.design import Design
-from sumo_hmdp.study.record import Trace
 
 
 def shortfalls(design: Design) -> tuple[str, ...]:
@@ -29,7 +28,7 @@ def shortfalls(design: Design) -> tuple[str, ...]:
     contexts = [[cell for cell in cells if cell.context == context] for context in {cell.context for cell in cells}]
     comparisons = len(COMPARED) * sum(len(inside) - 1 for inside in contexts if baseline_of(inside) is not None)
     asked = sorted({cell.risk_level for cell in cells if cell.risk_level})
-    audited = asked if design.file.trace == Trace.ALL else []
+    audited = asked if design.file.trace == "all" else []
     return (*_of_differences(len(design.seeds), comparisons), *_of_risk(len(design.seeds), audited))
 
 

@@ -35,9 +35,10 @@ def test_with_hardly_any_seeds_nothing_can_be_shown(told):
 
 def test_contacts_take_more_seeds_than_means(told):
     # Eight comparisons: z of 0.05 / 16 is 2.734, its square 7.5.
-    assert told(7, "none") == (
+    (sentence,) = told(7, "none")
+    assert sentence == (
         "no difference in the rate of contacts can be shown with 7 seeds after Holm's correction for the 8 comparisons "
-        "of the report; it takes 8 at least",
+        "of the report; it takes 8 at least"
     )
     assert told(8, "none") == ()
 
