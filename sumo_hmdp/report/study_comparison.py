@@ -255,4 +255,4 @@ def wording(metric: str) -> Wording:
         return Wording(metric)
     known = METRICS.get(metric)
     quantity = f"number of {known.label}" if known.is_count else known.label
-    return Wording(quantity, "%" if metric.endswith("_share") else known.unit)
+    return Wording(quantity, "%" if metric.endswith(("_share", "_rate")) else known.unit)

@@ -58,7 +58,7 @@ def wording(metric: str) -> Wording:
     known = METRICS.get(metric)
     if metric == "speed_mean_mps":
         return Wording(known.label, printed(known.unit), "faster", "slower")
-    return Wording(known.label, "%" if metric.endswith("_share") else printed(known.unit))
+    return Wording(known.label, "%" if metric.endswith(("_share", "_rate")) else printed(known.unit))
 
 
 def higher_is_better(metric: str) -> bool:

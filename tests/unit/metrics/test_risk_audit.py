@@ -11,12 +11,17 @@ from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.blame import Blame, blame_violations, prediction_hits
+from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.decision_tables import with_intents
 from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
 from sumo_hmdp.metrics.proportion import clustered_proportion
+from sumo_hmdp.metrics.registry import RunData
 from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, judge, violation_rates
+from sumo_hmdp.metrics.trace import Motion, Trace
 
 ROAD = Road(3, 4.0)
+NOTHING = Motion(*np.zeros((9, 0, 0)))
+EMPTY = Trace(np.zeros(0), NOTHING, NOTHING, ())
 SETTINGS = AuditSettings(period=0.6, distance=SafeDistance(20.0), road=ROAD)
 
 
@@ -135,6 +140,21 @@ def test_denominators_are_never_mixed_and_relaxed_plans_stand_apart():
         ("relaxed", "plan"): (1, 1),
         ("relaxed", "run"): (1, 1),
     }
+    # What the run itself says is of the plans that claim to keep their distances.
+    own = METRICS.all
+    run = RunData(EMPTY, decisions, steps=trace(*ego[:3], *car[:3], (2.4, "ego", 104.0, 2)), audit=SETTINGS)
+    assert own["step_violation_rate"].compute(run) == 1 / 5
+    assert own["plan_violation_rate"].compute(run) == 1 / 2
+    assert np.isnan(own["plan_violation_rate"].compute(RunData(EMPTY, decisions)))
+
+
+def test_a_run_without_any_plan_has_no_rate():
+    """All its decisions are fallbacks; the audit of such a run ended in KeyError: 'intended_lane'."""
+    decisions = pd.DataFrame([decision(0, 0.0, [], status="fallback") | {"vehicles_json": '["car"]'}])
+    steps = trace((0.6, "ego", 100.0, 2), (0.6, "car", 110.0, 2))
+    assert audit_run(decisions, steps, SETTINGS).empty
+    found = METRICS.all["plan_violation_rate"].compute(RunData(EMPTY, decisions, steps=steps, audit=SETTINGS))
+    assert np.isnan(found)
 
 
 @pytest.mark.parametrize(("status", "plans"), [("completed", (0, 0)), ("contact", (1, 1))])
