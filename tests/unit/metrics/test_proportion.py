@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest, multinomial, norm
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.proportion import PairedRates, clustered_proportion, rate
@@ -148,3 +148,18 @@ def test_the_test_of_paired_rates_is_mcnemars_and_never_contradicts_the_interval
                 assert low < high
                 for end in (low, high):
                     assert abs(end) > 1 - 1e-9 or found.p_value(end) == pytest.approx(1 - level, rel=1e-6)
+
+
+@pytest.mark.parametrize("one", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("two", [0.01, 0.05, 0.1])
+def test_paired_rates_hold_what_they_promise(one, two):
+    """Every outcome of 20 seeds with its probability: no simulation, and half of what is common is shared."""
+    both = one * two + 0.5 * (min(one, two) - one * two)
+    chances = np.array([one - both, two - both, 1 - one - two + 2 * both])
+    held = sum(
+        multinomial.pmf([more, fewer, 20 - more - fewer], 20, chances)
+        for more in range(21)
+        for fewer in range(21 - more)
+        if PairedRates(more, fewer, 20).p_value(one - two) >= 0.05
+    )
+    assert held >= 0.93
