@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 import sumo_hmdp
-from sumo_hmdp.metrics.proportion import Rate, design_effect, rate
+from sumo_hmdp.metrics.proportion import ProportionInterval, Rate, clustered_proportion, rate
 from sumo_hmdp.report.statistics import mean_interval
 from sumo_hmdp.study.design import Design, load_design
 
@@ -58,7 +58,7 @@ class Summary:
     lost: int
     at_fault: Rate
     contacts: int
-    optimal: Rate
+    optimal: ProportionInterval
     relaxed: float
     fallback: float
     speed: tuple[float, float, float]
@@ -74,7 +74,6 @@ def summarise(rows: pd.DataFrame) -> Summary:
         for name in ("optimal", "relaxed", "fallback")
     }
     decisions = int(trials.sum())
-    effect = design_effect(hits["optimal"], trials)
     speeds = ended["speed_mean_mps"].to_numpy(dtype=np.float64)
     ends = mean_interval(speeds) if len(speeds) > 1 else (float("nan"), float("nan"))
     return Summary(
@@ -82,16 +81,17 @@ def summarise(rows: pd.DataFrame) -> Summary:
         lost=len(rows) - len(ended),
         at_fault=rate(int((ended["contact_at_fault_count"] > 0).sum()), len(ended)),
         contacts=int((ended["contact_count"] > 0).sum()),
-        optimal=rate(int(hits["optimal"].sum()), decisions, design_effect=effect),
+        optimal=clustered_proportion(hits["optimal"], trials),
         relaxed=float(hits["relaxed"].sum()) / decisions if decisions else float("nan"),
         fallback=float(hits["fallback"].sum()) / decisions if decisions else float("nan"),
         speed=(float(np.mean(speeds)) if len(speeds) else float("nan"), *ends),
     )
 
 
-def percent(found: Rate, digits: int) -> str:
-    """Return a rate and its exact interval in percent."""
-    return f"{100 * found.value:.{digits}f} ({100 * found.low:.{digits}f} to {100 * found.high:.{digits}f})"
+def percent(found: Rate | ProportionInterval, digits: int) -> str:
+    """Return a rate and its interval in percent."""
+    value = found.value if isinstance(found, Rate) else found.rate
+    return f"{100 * value:.{digits}f} ({100 * found.low:.{digits}f} to {100 * found.high:.{digits}f})"
 
 
 def cells_of(found: Summary) -> tuple[str, ...]:
@@ -151,9 +151,9 @@ def notes(runs: pd.DataFrame) -> list[str]:
             f"{100 * found.at_fault.high:.3f} % with 97.5 % confidence (Clopper and Pearson)."
         ),
         (
-            f"- {found.optimal.hits:,} of {found.optimal.trials:,} decisions are optimal. A run's are alike: all "
-            f"together tell what {found.optimal.trials / found.optimal.design_effect:,.0f} independent ones would "
-            f"(design effect {found.optimal.design_effect:.1f}), which the intervals reckon with."
+            f"- {found.optimal.violations:,} of {found.optimal.plans:,} decisions are optimal. A run's are alike: all "
+            f"together tell what {found.optimal.effective_n:,.0f} independent ones would "
+            f"({found.optimal.runs:,} runs), which the intervals reckon with."
         ),
         (
             f"- Background vehicles that touched each other: {int(runs['background_contact_count'].fillna(0).sum())} "

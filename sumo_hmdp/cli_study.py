@@ -78,6 +78,7 @@ def study(
     Files, in `--out`: `runs/`, `decisions/` and `steps/`, the tables; `cells/*.json`, what each cell is; `study.yaml`,
     the file as it was run; `ledger.jsonl` and `failures/`, what went wrong. Then: `sumo-hmdp report` and `compare`.
     """
+    from sumo_hmdp.report.study_seeds import shortfalls
     from sumo_hmdp.study.design import find_study, load_design
     from sumo_hmdp.study.parts import Writer, opened, sweep
     from sumo_hmdp.study.runner import Study
@@ -86,7 +87,7 @@ def study(
         raise InputError(["--workers: must not go with --dask; leave one of the two out"])
     path = find_study(file)
     design = load_design(path, solver)
-    for note in design.notes:
+    for note in (*design.notes, *shortfalls(design)):
         remark(f"note: {note}", as_json=as_json)
     count = workers or len(os.sched_getaffinity(0))
     if dry_run:

@@ -20,10 +20,19 @@ from sumo_hmdp.decision.road_rules import rules_ahead
 from sumo_hmdp.decision.search import SearchTooLargeError
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
-from sumo_hmdp.domain.plan import Command, Decision, ForbiddenInterval, PlanBound, PredictedBranch, TriedAction
+from sumo_hmdp.domain.plan import (
+    Command,
+    Decision,
+    ForbiddenInterval,
+    PlanBound,
+    PredictedBranch,
+    PredictedMotion,
+    TriedAction,
+)
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.branches import Branches, PredictedVehicle, covariances, lateral_means
+from sumo_hmdp.prediction.distribution import distributions
 from sumo_hmdp.prediction.dynamics import Noise
 from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
@@ -235,6 +244,23 @@ class HmdpEvidence:
     def branches(self) -> tuple[PredictedBranch, ...]:
         """Return the likeliest branches of each vehicle."""
         return shown_branches(self.problem, self.answer.branches)
+
+    def prediction(self) -> tuple[PredictedMotion, ...]:
+        """Return the whole prediction of each vehicle, from all branches."""
+        problem = self.problem
+        return tuple(
+            PredictedMotion(
+                vehicle_id=found.vehicle_id,
+                pruned=found.pruned,
+                lanes=tuple(map(tuple, found.lanes.tolist())),
+                x_mean=tuple(found.x_mean.tolist()),
+                x_std=tuple(found.x_std.tolist()),
+                y_mean=tuple(found.y_mean.tolist()),
+                y_std=tuple(found.y_std.tolist()),
+                x_quantiles=tuple(map(tuple, found.x_quantiles.tolist())),
+            )
+            for found in distributions(self.answer.branches, problem.road, problem.settings.prediction())
+        )
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:
         """Return what is forbidden in each lane taken alone, at the ego's present speed."""

@@ -74,6 +74,31 @@ class PredictedBranch:
 
 
 @dataclass(frozen=True)
+class PredictedMotion:
+    """The whole prediction of one vehicle, all branches together, by which it can be scored; arrays over steps 1..H.
+
+    Attributes:
+        vehicle_id: whose.
+        pruned: probability of all that was dropped.
+        lanes: probability of intending each lane, leftmost first, per step; sums to 1 - pruned.
+        x_mean: front bumper per step [m]; this and all below as if what was dropped were spread as what was kept.
+        x_std: per step [m].
+        y_mean: per step [m].
+        y_std: per step [m].
+        x_quantiles: of x per step, at 2.5, 5, 25, 75, 95 and 97.5 % [m].
+    """
+
+    vehicle_id: str
+    pruned: float
+    lanes: tuple[tuple[float, ...], ...]
+    x_mean: tuple[float, ...]
+    x_std: tuple[float, ...]
+    y_mean: tuple[float, ...]
+    y_std: tuple[float, ...]
+    x_quantiles: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
 class ForbiddenInterval:
     """A stretch of one lane at one step that the ego may not be in.
 
@@ -243,6 +268,15 @@ class WeighsActions(Protocol):
 
     def tried(self) -> tuple[TriedAction, ...]:
         """Return every first action; empty where they cannot be worked out."""
+        ...
+
+
+@runtime_checkable
+class Foretells(Protocol):
+    """Evidence that can also tell its whole prediction; a planner need not offer it."""
+
+    def prediction(self) -> tuple[PredictedMotion, ...]:
+        """Return the whole prediction of each vehicle."""
         ...
 
 

@@ -7,12 +7,14 @@ from sumo_hmdp.metrics.conflict import CONFLICT
 from sumo_hmdp.metrics.decisions import DECISIONS
 from sumo_hmdp.metrics.efficiency import EFFICIENCY
 from sumo_hmdp.metrics.registry import Better, Metric, Registry
+from sumo_hmdp.metrics.risk import RISK
 from sumo_hmdp.metrics.safety import SAFETY
 
 GROUPS = {
     "Efficiency": EFFICIENCY,
     "Safety along the lane": SAFETY,
     "Conflicts": CONFLICT,
+    "Risk": RISK,
     "Comfort": COMFORT,
     "Decisions and counts": DECISIONS,
 }

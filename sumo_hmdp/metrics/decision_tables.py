@@ -75,6 +75,46 @@ def branch_table(decisions: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(BRANCH_COLUMNS)).astype(BRANCH_COLUMNS)
 
 
+def realised_predictions(decisions: pd.DataFrame, steps: pd.DataFrame, period: float) -> pd.DataFrame:
+    """Return the whole predictions beside what their vehicles then did; instants without a record are left out.
+
+    Args:
+        decisions: the `decisions` table of one run.
+        steps: its `steps` table with all vehicles.
+        period: of a planned step [s].
+
+    Returns:
+        One row per decision, vehicle and step: run_id, decision_index, time_s, vehicle_id, horizon_step, pruned_prob,
+        lane_probs (a tuple, leftmost first), x_mean_m, x_std_m, y_mean_m, y_std_m, x_quantiles_m (a tuple); and x_m,
+        y_m, intended_lane as they were.
+    """
+    told = decisions["prediction_json"] if "prediction_json" in decisions else pd.Series("[]", index=decisions.index)
+    rows = [
+        (
+            row.run_id,
+            row.decision_index,
+            row.time_s,
+            one["vehicle_id"],
+            k + 1,
+            one["pruned_prob"],
+            tuple(one["lane_probs"][k]),
+            *(one[name][k] for name in ("x_mean_m", "x_std_m", "y_mean_m", "y_std_m")),
+            tuple(one["x_quantiles_m"][k]),
+        )
+        for row, text in zip(decisions.itertuples(), told.tolist(), strict=True)
+        for one in json.loads(text if isinstance(text, str) else "[]")
+        for k in range(len(one["x_mean_m"]))
+    ]
+    names = [
+        "run_id", "decision_index", "time_s", "vehicle_id", "horizon_step", "pruned_prob", "lane_probs", "x_mean_m",
+        "x_std_m", "y_mean_m", "y_std_m", "x_quantiles_m",
+    ]  # fmt: skip
+    found = pd.DataFrame(rows, columns=names)
+    found["instant"] = instant(found["time_s"].astype("float64") + found["horizon_step"].astype("int64") * period)
+    seen = steps[["vehicle_id", "x_m", "y_m", "intended_lane"]].assign(instant=instant(steps["time_s"]))
+    return found.merge(seen, on=["vehicle_id", "instant"]).drop(columns="instant")
+
+
 def realised_branches(decisions: pd.DataFrame, steps: pd.DataFrame, period: float) -> pd.DataFrame:
     """Return the predictions beside what their vehicles then did; rows of instants without a record are left out.
 

@@ -170,7 +170,8 @@ def _constrained(plan: pd.DataFrame, others: pd.DataFrame, decisions: pd.DataFra
         if isinstance(names, str) and names != "null"
     }
     named = zip(both["decision_index"].tolist(), both["vehicle_id"].tolist(), strict=True)
-    return both[[index not in kept or name in kept[index] for index, name in named]]
+    # An array, since an empty list would choose no columns instead of no rows.
+    return both[np.array([index not in kept or name in kept[index] for index, name in named], dtype=bool)]
 
 
 def _nearest(plan: pd.DataFrame, both: pd.DataFrame, ego: pd.DataFrame, settings: AuditSettings) -> pd.DataFrame:

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from types import MappingProxyType
 
 import pandas as pd
 
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_run
 from sumo_hmdp.metrics.shortfall import KeptDistance
 from sumo_hmdp.metrics.trace import Trace
 from sumo_hmdp.validation import nearest
@@ -32,6 +34,9 @@ class RunData:
         contact: whether the ego met another body in the last step.
         front_contact: whether it did so with its front.
         kept: the distances that its planner kept, None for a planner without any.
+        steps: its `steps` table with all vehicles, None where its plans are not audited.
+        audit: what its plans were asked for, None for a planner without a safe distance.
+        ended_in_contact: whether a contact ended it.
     """
 
     trace: Trace
@@ -40,6 +45,16 @@ class RunData:
     contact: bool = False
     front_contact: bool = False
     kept: KeptDistance | None = None
+    steps: pd.DataFrame | None = None
+    audit: AuditSettings | None = None
+    ended_in_contact: bool = False
+
+    @cached_property
+    def audited(self) -> pd.DataFrame | None:
+        """Its planned steps beside what happened, None where nothing can be looked up."""
+        if self.audit is None or self.steps is None or self.decisions.empty:
+            return None
+        return audit_run(self.decisions, self.steps, self.audit)
 
 
 @dataclass(frozen=True)

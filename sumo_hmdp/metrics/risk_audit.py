@@ -7,10 +7,12 @@ never mixed:
 - plan: plans all of whose steps were recorded, and violated ones that a contact cut short;
 - run: runs with such a plan.
 
-The verdict on a rate of optimal plans, first match, with the interval of `metrics.proportion`:
+The verdict on a rate of optimal plans, first match, with the interval of `metrics.proportion.clustered_proportion`,
+whose sampling unit is the run:
 
 - `violated`: its lower end is above the risk level;
-- `too few data`: so few trials that the interval of no violation at all would still reach above the risk level;
+- `too few data`: so little was seen that no violation at all, in as many effective trials, would still leave the risk
+  level possible; without a violation these are the runs, so that an epsilon of 0.05 takes 72 runs;
 - `conservative`: its upper end is below half the risk level;
 - `consistent`: otherwise.
 
@@ -30,7 +32,7 @@ from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
-from sumo_hmdp.metrics.proportion import Rate, design_effect, rate
+from sumo_hmdp.metrics.proportion import ProportionInterval, clopper_pearson, clustered_proportion
 
 # These plans keep every distance; the others say themselves that they do not.
 KEEPING = ("optimal", "incumbent")
@@ -97,8 +99,8 @@ def violation_rates(
 ) -> pd.DataFrame:
     """Return violation rates per step, plan and run with their verdicts.
 
-    Trials of one run are alike, since plans overlap; so the intervals of steps and plans widen by the design effect
-    that is seen between runs (none is seen in a single run, nor without a violation).
+    Trials of one run are alike, since plans overlap; so runs are the sampling unit of every interval, and their number
+    stands beside each verdict.
 
     Args:
         audited: as `audit_run` returns it.
@@ -108,8 +110,8 @@ def violation_rates(
 
     Returns:
         One row per group, status and unit: the columns of `by`, `status`, `risk_level`, `per` (step, plan, run),
-        `violation_count`, `trial_count`, `run_count`, `violation_rate`, `low_rate`, `high_rate`, `design_effect`,
-        `verdict`.
+        `violation_count`, `trial_count`, `run_count`, `violation_rate`, `low_rate`, `high_rate`; `effective_count`,
+        the independent trials that would tell as much, and `df_count`, the degrees of freedom behind it; `verdict`.
 
     Raises:
         InputError: if a column is missing.
@@ -127,29 +129,35 @@ def violation_rates(
     found = []
     for key, group in rows.groupby(keys, dropna=False, sort=True):
         for unit in units:
-            trials = _trials(group, unit)
-            measured = _rate_of(trials, level)
+            trials = trials_of(group, unit)
+            measured = _interval_of(trials, level)
             risk_level = float(group["risk_level"].iloc[0])
             claimed = unit != "run" and group["status"].iloc[0] in KEEPING
             found.append(
                 {
                     **dict(zip(keys, key, strict=True)),
                     "per": unit,
-                    "violation_count": measured.hits,
-                    "trial_count": measured.trials,
-                    "run_count": trials["run_id"].nunique(),
-                    "violation_rate": measured.value,
+                    "violation_count": measured.violations,
+                    "trial_count": measured.plans,
+                    "run_count": measured.runs,
+                    "violation_rate": measured.rate,
                     "low_rate": measured.low,
                     "high_rate": measured.high,
-                    "design_effect": measured.design_effect,
+                    "effective_count": measured.effective_n,
+                    "df_count": measured.df,
                     "verdict": str(judge(measured, risk_level, level) if claimed else Verdict.NO_CLAIM),
                 }
             )
     return pd.DataFrame(found)
 
 
-def _trials(group: pd.DataFrame, unit: str) -> pd.DataFrame:
-    """Return one row per trial: run_id and violated."""
+def trials_of(group: pd.DataFrame, unit: str) -> pd.DataFrame:
+    """Return one row per trial: run_id and violated.
+
+    Args:
+        group: as `audit_run` returns it, with `cut_by_contact`: whether its run ended in contact.
+        unit: step, plan or run.
+    """
     if unit == "step":
         return group.loc[group["observed"], ["run_id", "violated"]]
     plans = group.groupby(["run_id", "decision_index"], as_index=False).agg(
@@ -161,19 +169,18 @@ def _trials(group: pd.DataFrame, unit: str) -> pd.DataFrame:
     return plans.groupby("run_id", as_index=False).agg(violated=("violated", "any"))
 
 
-def _rate_of(trials: pd.DataFrame, level: float) -> Rate:
+def _interval_of(trials: pd.DataFrame, level: float) -> ProportionInterval:
     per_run = trials.groupby("run_id")["violated"].agg(["sum", "count"])
-    hits, counts = per_run["sum"].to_numpy(dtype=np.int64), per_run["count"].to_numpy(dtype=np.int64)
-    return rate(int(hits.sum()), int(counts.sum()), level, design_effect(hits, counts))
+    return clustered_proportion(per_run["sum"].to_numpy(np.int64), per_run["count"].to_numpy(np.int64), level)
 
 
-def judge(measured: Rate, risk_level: float, level: float = 0.95) -> Verdict:
+def judge(measured: ProportionInterval, risk_level: float, level: float = 0.95) -> Verdict:
     """Return what a measured rate says of the risk level that was asked for (the rule is the module's)."""
     if np.isnan(risk_level):
         return Verdict.NO_CLAIM
     if measured.low > risk_level:
         return Verdict.VIOLATED
-    if not measured.trials or rate(0, measured.trials, level, measured.design_effect).high > risk_level:
+    if clopper_pearson(0, measured.effective_n, level)[1] > risk_level:
         return Verdict.TOO_FEW
     if measured.high < risk_level / 2:
         return Verdict.CONSERVATIVE

@@ -1,20 +1,30 @@
-"""How two cells of a study differ on the same seeds, and the verdict in words."""
+"""How two cells of a study differ on the same seeds, and the verdict in words.
 
-from collections.abc import Sequence
+One quantity is tested and printed: the mean difference of pairs with a common seed (`mean_test`), or the difference of
+two rates (`PairedRates`). Each interval is its test turned round. Of several comparisons Holm's correction decides;
+their intervals are all at the one level 1 - a with which that correction ended,
+
+    a = significance / (m - r + 1), or significance / m where r = 0,
+
+m being the number of comparisons and r how many of them are shown. A p-value that was rejected is at most a, one that
+was not is above it, so an interval leaves 0 out exactly where Holm's correction shows a difference.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.metrics.proportion import PairedRates, clopper_pearson
 from sumo_hmdp.report.frames import Cell, FloatArray, by_seed, cell_label, cells_of, is_binary, require_columns
-from sumo_hmdp.report.sample_size import pairs_for_difference
-from sumo_hmdp.report.statistics import RESAMPLES, bootstrap_interval
+from sumo_hmdp.report.mean_test import RESAMPLES, MeanTest, resamples_for
+from sumo_hmdp.report.sample_size import FEWEST_PAIRS, pairs_for_difference
 
-# With five pairs the Wilcoxon test's smallest p is 2 / 2^5, above 5 %: nothing could ever be shown.
-FEWEST_PAIRS = 6
+# A level and the p-value that is equal to it on paper differ by rounding.
+_SLACK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -29,16 +39,17 @@ class Comparison:
         unpaired_count: seeds that only one of the cells has.
         missing_count: pairs left out since a value is not defined.
         infinite_count: pairs left out since a value is infinite.
-        difference: mean of first - second.
-        low: lower end of its BCa interval.
+        difference: mean of first - second, or difference of two rates.
+        low: lower end of its interval, which leaves 0 out exactly where a difference is shown; NaN where all pairs
+            differ alike.
         high: upper end.
-        level: of the interval.
-        test: `wilcoxon` (signed rank) or `mcnemar` (exact, of truth values).
-        p_value: two-sided, of that test.
-        p_adjusted: after Holm's correction over all comparisons of a table; `p_value` before.
+        level: of the interval, which follows from the correction for all comparisons together.
+        test: `mean` (Student's t and the bootstrap-t together) or `rate` (Tango's score, of truth values).
+        p_value: two-sided, of that test; NaN where all pairs differ alike, but 1 where none differs.
+        p_adjusted: after Holm's correction over all comparisons.
         cohen_dz: mean over standard deviation of the differences.
-        rank_biserial: (T+ - T-) / (T+ + T-) over the ranks of the differences that are not zero.
         variance_saved: 1 - var(first - second) / (var first + var second): what the common seeds save.
+        doubt: why the interval may hold less than its level, in words; empty where nothing is known against it.
     """
 
     metric: str
@@ -56,8 +67,124 @@ class Comparison:
     p_value: float
     p_adjusted: float
     cohen_dz: float
-    rank_biserial: float
     variance_saved: float
+    doubt: str
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are pairs enough to say anything."""
+        return self.pair_count >= FEWEST_PAIRS
+
+    @property
+    def alike(self) -> bool:
+        """Whether all pairs differ alike, by anything but 0, so that there is neither test nor interval."""
+        return self.enough and bool(np.isnan(self.p_value))
+
+    @property
+    def shown(self) -> bool:
+        """Whether a difference is shown."""
+        return self.enough and (self.low > 0 or self.high < 0)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """One metric of two cells, seed by seed.
+
+    Attributes:
+        metric: the column.
+        first: name of the first cell.
+        second: name of the second.
+        one: (N,) values of the first with a finite value in both.
+        two: (N,) of the second.
+        binary: whether they are truth values.
+        unpaired_count: seeds that only one of the cells has.
+        missing_count: pairs left out since a value is not defined.
+        infinite_count: pairs left out since a value is infinite.
+        resamples: of the bootstrap.
+    """
+
+    metric: str
+    first: str
+    second: str
+    one: FloatArray
+    two: FloatArray
+    binary: bool
+    unpaired_count: int
+    missing_count: int
+    infinite_count: int
+    resamples: int = RESAMPLES
+
+    @property
+    def test(self) -> MeanTest | PairedRates:
+        """The test of their difference."""
+        differences = self.one - self.two
+        if self.binary:
+            return PairedRates(int((differences > 0).sum()), int((differences < 0).sum()), len(differences))
+        # What two computed values differ by in rounding is no difference.
+        scale = max(float(np.abs(self.one).max()), float(np.abs(self.two).max()))
+        return MeanTest(np.where(np.abs(differences) > 1e-12 * scale, differences, 0.0), self.resamples)
+
+
+def pair_up(first: pd.Series, second: pd.Series, metric: str, names: tuple[str, str], *, binary: bool) -> Pairs:
+    """Return the pairs of two series by seed, and how many there are not."""
+    common = first.index.intersection(second.index)
+    a, b = first.loc[common].to_numpy(dtype=np.float64), second.loc[common].to_numpy(dtype=np.float64)
+    missing = np.isnan(a) | np.isnan(b)
+    infinite = ~missing & (np.isinf(a) | np.isinf(b))
+    known = ~missing & ~infinite
+    unpaired = len(first) + len(second) - 2 * len(common)
+    return Pairs(metric, *names, a[known], b[known], binary, unpaired, int(missing.sum()), int(infinite.sum()))
+
+
+def compare_all(
+    pairs: Sequence[Pairs], level: float = 0.95, on_done: Callable[[], None] | None = None
+) -> tuple[Comparison, ...]:
+    """Compare, with Holm's correction over everything that is given.
+
+    Args:
+        pairs: of all comparisons.
+        level: 1 - the chance that any difference is shown where none is.
+        on_done: called after each.
+    """
+    significance = 1 - level
+    if pairs:
+        pairs = [replace(one, resamples=resamples_for(significance / len(pairs))) for one in pairs]
+    p_values = np.array([one.test.p_value() if len(one.one) else np.nan for one in pairs])
+    adjusted = holm(p_values)
+    tested, shown = int((~np.isnan(p_values)).sum()), int((adjusted <= significance * (1 + _SLACK)).sum())
+    last = significance / max(tested - shown + bool(shown), 1)
+    found = []
+    for one, p_value, p_adjusted in zip(pairs, p_values, adjusted, strict=True):
+        found.append(_comparison(one, float(p_value), float(p_adjusted), 1 - last))
+        if on_done is not None:
+            on_done()
+    return tuple(found)
+
+
+def _comparison(pairs: Pairs, p_value: float, p_adjusted: float, level: float) -> Comparison:
+    differences, nan = pairs.one - pairs.two, float("nan")
+    several = len(differences) > 1
+    test = pairs.test if several else None
+    low, high = test.interval(level) if test is not None else (nan, nan)
+    return Comparison(
+        metric=pairs.metric,
+        first=pairs.first,
+        second=pairs.second,
+        pair_count=len(differences),
+        unpaired_count=pairs.unpaired_count,
+        missing_count=pairs.missing_count,
+        infinite_count=pairs.infinite_count,
+        difference=float(differences.mean()) if len(differences) else nan,
+        low=low,
+        high=high,
+        level=level,
+        test="rate" if pairs.binary else "mean",
+        p_value=p_value,
+        p_adjusted=p_adjusted,
+        cohen_dz=_ratio(float(differences.mean()), float(differences.std(ddof=1))) if several else nan,
+        variance_saved=variance_saved(pairs.one, pairs.two),
+        doubt=test.doubt if isinstance(test, MeanTest) else "",
+    )
 
 
 def compare_cells(
@@ -67,7 +194,6 @@ def compare_cells(
     reference: Cell | None = None,
     level: float = 0.95,
     seed: str = "seed",
-    resamples: int = RESAMPLES,
 ) -> tuple[Comparison, ...]:
     """Compare cells pair by pair on common seeds, with Holm's correction over everything that is compared.
 
@@ -76,27 +202,38 @@ def compare_cells(
         cell: the columns that make a cell.
         metrics: columns of numbers or truth values.
         reference: the cell that all others are compared with; without one, every two are compared.
-        level: of the intervals.
+        level: 1 - the chance that any difference is shown where none is.
         seed: the column that makes pairs.
-        resamples: of the bootstrap.
 
     Raises:
         InputError: if a column or the reference is missing, or a cell has several runs of one seed.
+    """
+    return compare_all(cell_pairs(runs, cell, metrics, reference, seed), level)
+
+
+def cell_pairs(
+    runs: pd.DataFrame, cell: Sequence[str], metrics: Sequence[str], reference: Cell | None = None, seed: str = "seed"
+) -> list[Pairs]:
+    """Return what `compare_cells` compares.
+
+    Raises:
+        InputError: as it does.
     """
     require_columns(runs, [*cell, *metrics, seed])
     cells = cells_of(runs, cell)
     if reference is not None and reference not in cells:
         known = "; ".join(cell_label(key) for key in cells)
         raise InputError([f"the reference must be a cell, got {cell_label(reference)}. Cells: {known}"])
-    pairs = combinations(cells, 2) if reference is None else ((key, reference) for key in cells if key != reference)
+    both = combinations(cells, 2) if reference is None else ((key, reference) for key in cells if key != reference)
     found = []
-    for first, second in pairs:
+    for first, second in both:
         names = cell_label(first), cell_label(second)
         for metric in metrics:
-            one, two = (by_seed(cells[key], metric, seed, cell_label(key)) for key in (first, second))
-            found.append(compare_pairs(one, two, metric, names, is_binary(runs[metric]), level, resamples))
-    adjusted = holm(np.array([comparison.p_value for comparison in found]))
-    return tuple(replace(item, p_adjusted=float(p)) for item, p in zip(found, adjusted, strict=True))
+            one, two = (
+                by_seed(cells[key], metric, seed, name) for key, name in zip((first, second), names, strict=True)
+            )
+            found.append(pair_up(one, two, metric, names, binary=is_binary(runs[metric])))
+    return found
 
 
 def compare_pairs(
@@ -106,50 +243,9 @@ def compare_pairs(
     names: tuple[str, str] = ("first", "second"),
     binary: bool = False,  # noqa: FBT001, FBT002 - a property of the data
     level: float = 0.95,
-    resamples: int = RESAMPLES,
 ) -> Comparison:
     """Compare one metric of two cells, each a series by seed."""
-    common = first.index.intersection(second.index)
-    a, b = first.loc[common].to_numpy(dtype=np.float64), second.loc[common].to_numpy(dtype=np.float64)
-    missing = np.isnan(a) | np.isnan(b)
-    infinite = ~missing & (np.isinf(a) | np.isinf(b))
-    a, b = a[~missing & ~infinite], b[~missing & ~infinite]
-    differences = a - b
-    nan = float("nan")
-    low, high = bootstrap_interval(differences, level, 0, resamples) if len(a) > 1 else (nan, nan)
-    p_value = (mcnemar(differences) if binary else wilcoxon(differences)) if len(a) else nan
-    return Comparison(
-        metric=metric,
-        first=names[0],
-        second=names[1],
-        pair_count=len(a),
-        unpaired_count=len(first) + len(second) - 2 * len(common),
-        missing_count=int(missing.sum()),
-        infinite_count=int(infinite.sum()),
-        difference=float(differences.mean()) if len(a) else nan,
-        low=low,
-        high=high,
-        level=level,
-        test="mcnemar" if binary else "wilcoxon",
-        p_value=p_value,
-        p_adjusted=p_value,
-        cohen_dz=_ratio(float(differences.mean()), float(differences.std(ddof=1))) if len(a) > 1 else nan,
-        rank_biserial=rank_biserial(differences),
-        variance_saved=variance_saved(a, b),
-    )
-
-
-def wilcoxon(differences: FloatArray) -> float:
-    """Return the two-sided p of Wilcoxon's signed-rank test; 1 where no two values differ."""
-    if not np.any(differences):
-        return 1.0
-    return float(stats.wilcoxon(differences, zero_method="wilcox", method="auto").pvalue)
-
-
-def mcnemar(differences: FloatArray) -> float:
-    """Return the two-sided p of McNemar's exact test on differences -1, 0, 1 of truth values."""
-    more, fewer = int(np.sum(differences > 0)), int(np.sum(differences < 0))
-    return float(stats.binomtest(more, more + fewer, 0.5).pvalue) if more + fewer else 1.0
+    return compare_all([pair_up(first, second, metric, names, binary=binary)], level)[0]
 
 
 def holm(p_values: FloatArray) -> FloatArray:
@@ -160,15 +256,6 @@ def holm(p_values: FloatArray) -> FloatArray:
     steps = np.arange(len(order), 0, -1) * p_values[order]
     adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
     return adjusted
-
-
-def rank_biserial(differences: FloatArray) -> float:
-    """Return the matched-pairs rank-biserial correlation (Kerby, Compr. Psychol. 3, 2014), NaN without a difference."""
-    some = differences[differences != 0]
-    if not len(some):
-        return float("nan")
-    ranks = stats.rankdata(np.abs(some))
-    return float(np.sum(ranks * np.sign(some)) / np.sum(ranks))
 
 
 def variance_saved(first: FloatArray, second: FloatArray) -> float:
@@ -184,7 +271,7 @@ def _ratio(top: float, bottom: float) -> float:
 
 def pairs_needed(c: Comparison) -> float:
     """Return how many pairs would show a difference as large as the one seen; NaN where that cannot be told."""
-    if c.test != "wilcoxon" or not c.difference or np.isnan(c.cohen_dz):
+    if c.test != "mean" or not c.difference or np.isnan(c.cohen_dz):
         return float("nan")
     try:
         return pairs_for_difference(abs(c.difference / c.cohen_dz), abs(c.difference))
@@ -219,40 +306,47 @@ class Wording:
         return f" {self.unit}" if self.unit else ""
 
 
-def verdict(comparison: Comparison, wording: Wording, significance: float = 0.05) -> str:
+def verdict(comparison: Comparison, wording: Wording) -> str:
     """Return what a comparison shows in one sentence.
 
     Args:
-        comparison: of two cells, with its p-value adjusted.
+        comparison: of two cells.
         wording: of its metric.
-        significance: a difference is shown where the adjusted p-value is at most this.
     """
     c = comparison
     left_out = _left_out(c)
-    if c.pair_count < FEWEST_PAIRS or np.isnan(c.p_adjusted):
+    if not c.enough:
         return (
             f"too few data: {c.pair_count} pairs of {c.first} and {c.second} with a {wording.quantity}, "
             f"{FEWEST_PAIRS} are needed{left_out}"
         )
-    numbers = (
-        f"({100 * c.level:g} % interval {{low}} to {{high}}, {c.pair_count} pairs, "
-        f"{_p(c.p_adjusted)} after Holm{left_out})"
+    doubt = f"; {c.doubt}" if c.doubt else ""
+    if np.isnan(c.low):
+        others = f"{100 * clopper_pearson(0, c.pair_count)[1]:.2g} % of all seeds may do otherwise{left_out}"
+        if not c.alike:
+            alike = f"equal in all {c.pair_count} pairs, without spread for an interval; up to {others}"
+            return f"no difference in {wording.quantity} shown between {c.first} and {c.second}: {alike}"
+        told = _told(c, wording)
+        return f"{told} in each of {c.pair_count} pairs alike, without spread for a test or an interval; up to {others}"
+    turned = c.shown and c.difference < 0
+    low, high = (-c.high, -c.low) if turned else (c.low, c.high)
+    evidence = (
+        f"({100 * c.level:.4g} % interval {wording.amount(low)} to {wording.amount(high)}, {c.pair_count} pairs, "
+        f"{_p(c.p_adjusted)} after Holm{left_out}{doubt})"
     )
-    if c.p_adjusted > significance:
-        evidence = numbers.format(low=wording.amount(c.low), high=wording.amount(c.high))
+    if not c.shown:
         amount = wording.amount(c.difference) + wording.suffix
         return f"no difference in {wording.quantity} shown between {c.first} and {c.second}: {amount} {evidence}"
-    if c.difference == 0:
-        evidence = numbers.format(low=wording.amount(c.low), high=wording.amount(c.high))
-        return f"{c.first} and {c.second} differ in {wording.quantity}, but not in its mean {evidence}"
-    low, high = (c.low, c.high) if c.difference > 0 else (-c.high, -c.low)
-    evidence = numbers.format(low=wording.amount(low), high=wording.amount(high))
+    return f"{_told(c, wording)} {evidence}"
+
+
+def _told(c: Comparison, wording: Wording) -> str:
     amount = wording.amount(abs(c.difference)) + wording.suffix
     word = wording.more if c.difference > 0 else wording.less
     if word:
-        return f"{c.first} is {amount} {word} than {c.second} {evidence}"
+        return f"{c.first} is {amount} {word} than {c.second}"
     comparative = "higher" if c.difference > 0 else "lower"
-    return f"{c.first} has a {wording.quantity} {amount} {comparative} than {c.second} {evidence}"
+    return f"{c.first} has a {wording.quantity} {amount} {comparative} than {c.second}"
 
 
 def _left_out(c: Comparison) -> str:

@@ -7,6 +7,8 @@ from scipy import stats
 
 from sumo_hmdp.errors import InputError
 
+# With fewer pairs, resamples have too few values to choose from for their tails to mean anything.
+FEWEST_PAIRS = 6
 # A study that needs more is not worth planning; it also ends the search.
 MOST_RUNS = 1_000_000
 
@@ -29,8 +31,7 @@ def runs_for_half_width(std: float, half_width: float, level: float = 0.95) -> i
 def pairs_for_difference(std: float, difference: float, significance: float = 0.05, power: float = 0.8) -> int:
     """Return the least number of pairs with which a paired t-test finds a true difference.
 
-    Its power is that of the noncentral t distribution (Cohen, Statistical Power Analysis, 1988). The Wilcoxon test
-    needs at most 16 % more (Hodges and Lehmann, Ann. Math. Statist. 27, 1956), on normal differences 5 %.
+    Its power is that of the noncentral t distribution (Cohen, Statistical Power Analysis, 1988).
 
     Args:
         std: standard deviation of the differences in a pilot.
@@ -52,6 +53,30 @@ def pairs_for_difference(std: float, difference: float, significance: float = 0.
         return bool(found >= power)
 
     return _least(enough)
+
+
+def pairs_for_rates(comparisons: int, significance: float = 0.05) -> int:
+    """Return the least number of pairs in which a difference of two rates can be shown after Holm's correction.
+
+    The score of n pairs, all of which differ the same way, is the root of n.
+
+    Args:
+        comparisons: how many are corrected together, >= 1.
+        significance: two-sided, of all together.
+    """
+    return max(FEWEST_PAIRS, int(np.ceil(stats.norm.isf(significance / comparisons / 2) ** 2)))
+
+
+def runs_for_no_violation(risk_level: float, level: float = 0.95) -> int:
+    """Return the least number of runs whose interval, without any violation, is not above a risk level.
+
+    The bound of Clopper and Pearson is 1 - ((1 - level) / 2)^(1/n).
+
+    Args:
+        risk_level: in (0, 1).
+        level: of the interval, two-sided.
+    """
+    return int(np.ceil(np.log((1 - level) / 2) / np.log1p(-risk_level)))
 
 
 def _least(enough: Callable[[int], bool]) -> int:

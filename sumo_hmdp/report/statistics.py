@@ -9,13 +9,11 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.proportion import rate
 from sumo_hmdp.report.frames import FloatArray, cells_of, is_binary, numbers, require_columns
-
-RESAMPLES = 9999
+from sumo_hmdp.report.mean_test import MeanTest
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Description:
         mean: of the finite values; NaN where any is infinite, as are `std`, `low` and `high`.
         median: of the finite and infinite values.
         std: sample standard deviation.
-        low: lower end of the mean's interval.
+        low: lower end of the mean's interval; NaN where all values are equal, since they do not tell their spread.
         high: upper end.
     """
 
@@ -43,17 +41,13 @@ class Description:
     high: float
 
 
-def describe(values: FloatArray, level: float = 0.95, method: str = "t", seed: int = 0) -> Description:
+def describe(values: FloatArray, level: float = 0.95) -> Description:
     """Describe a sample.
 
     Args:
         values: (N,) with NaN where not defined.
-        level: of the interval of the mean.
-        method: `t` for Student's interval, `bootstrap` for BCa (Efron, JASA 82, 1987).
-        seed: of the bootstrap.
+        level: of the interval of the mean, which is that of `mean_test.MeanTest`.
     """
-    if method not in {"t", "bootstrap"}:
-        raise InputError([f"method must be t or bootstrap, got {method}"])
     known = values[~np.isnan(values)]
     finite = known[np.isfinite(known)]
     infinite = len(known) - len(finite)
@@ -63,7 +57,7 @@ def describe(values: FloatArray, level: float = 0.95, method: str = "t", seed: i
         mean = float(finite.mean())
     if len(finite) > 1 and not infinite:
         std = float(finite.std(ddof=1))
-        low, high = mean_interval(finite, level) if method == "t" else bootstrap_interval(finite, level, seed)
+        low, high = mean_interval(finite, level)
     return Description(len(finite), len(values) - len(known), infinite, mean, median, std, low, high)
 
 
@@ -77,39 +71,11 @@ def _median(known: FloatArray) -> float:
 
 
 def mean_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float]:
-    """Return Student's interval of the mean of two or more finite values."""
-    half = half_width(values, level)
-    mean = float(values.mean())
-    return mean - half, mean + half
+    """Return the interval of the mean of finite values; NaN with fewer than two, or where all are equal."""
+    return MeanTest(values).interval(level)
 
 
-def half_width(values: FloatArray, level: float = 0.95) -> float:
-    """Return half the width of Student's interval of the mean; a study may stop once it is small enough.
-
-    Values that are not finite are left out; infinite with fewer than two others.
-    """
-    finite = values[np.isfinite(values)]
-    if len(finite) < 2:
-        return float("inf")
-    quantile = float(stats.t.ppf((1 + level) / 2, len(finite) - 1))
-    return quantile * float(finite.std(ddof=1)) / float(np.sqrt(len(finite)))
-
-
-def bootstrap_interval(
-    values: FloatArray, level: float = 0.95, seed: int = 0, resamples: int = RESAMPLES
-) -> tuple[float, float]:
-    """Return the BCa bootstrap interval of the mean of two or more finite values (Efron, JASA 82, 1987)."""
-    if np.ptp(values) == 0:
-        return float(values[0]), float(values[0])
-    interval = stats.bootstrap(
-        (values,), np.mean, n_resamples=resamples, confidence_level=level, method="BCa", rng=np.random.default_rng(seed)
-    ).confidence_interval
-    return float(interval.low), float(interval.high)
-
-
-def summary_table(
-    runs: pd.DataFrame, cell: Sequence[str], metrics: Sequence[str], level: float = 0.95, method: str = "t"
-) -> pd.DataFrame:
+def summary_table(runs: pd.DataFrame, cell: Sequence[str], metrics: Sequence[str], level: float = 0.95) -> pd.DataFrame:
     """Describe metrics per cell, one row per cell and metric.
 
     Args:
@@ -117,7 +83,6 @@ def summary_table(
         cell: the columns that make a cell.
         metrics: columns of numbers.
         level: of the intervals.
-        method: `t` or `bootstrap`.
 
     Returns:
         The cell columns, `metric`, and the fields of `Description`.
@@ -131,7 +96,7 @@ def summary_table(
             {
                 **dict(zip(cell, key, strict=True)),
                 "metric": metric,
-                **asdict(describe(numbers(part[metric]), level, method)),
+                **asdict(describe(numbers(part[metric]), level)),
             }
             for key, part in cells_of(runs, cell).items()
             for metric in metrics

@@ -12,7 +12,7 @@ from sumo_hmdp.report.study_traces import TracedCell
 
 _COLUMNS = [
     "cell", "risk_allocation", "status", "risk_level", "per", "violation_count", "trial_count", "run_count",
-    "violation_rate", "low_rate", "high_rate", "design_effect", "verdict",
+    "violation_rate", "low_rate", "high_rate", "effective_count", "df_count", "verdict",
 ]  # fmt: skip
 _STEP_COLUMNS = [name for name in _COLUMNS if name not in {"per", "verdict"}]
 _STEP_COLUMNS.insert(3, "horizon_step")
@@ -70,20 +70,22 @@ def audit_table(audit: StudyAudit) -> StudyTable:
     for row in audit.rates.to_dict("records"):
         asked, rate = row["risk_level"], row["violation_rate"]
         ratio = number(rate / asked, 2) if asked and asked > 0 else number(None)
-        counted = f"{row['violation_count']} of {row['trial_count']}", str(row["run_count"])
+        runs = str(row["run_count"]), number(row["effective_count"])
+        counted = f"{row['violation_count']} of {row['trial_count']}", *runs
         measured = number(100 * rate), interval(100 * row["low_rate"], 100 * row["high_rate"]), ratio
         told = row["status"], str(row["per"]), number(100 * asked)
         rows.append((row["cell_label"], str(row["risk_allocation"]), *told, *counted, *measured, str(row["verdict"])))
     headings = (
-        "cell", "risk rule", "plans", "per", "asked [%]", "violated", "runs", "rate [%]", "95 % interval",
-        "rate over asked", "verdict",
+        "cell", "risk rule", "plans", "per", "asked [%]", "violated", "runs", "effective", "rate [%]",
+        "95 % interval", "rate over asked", "verdict",
     )  # fmt: skip
     note = (
         "A planned step is violated where, at its instant, a vehicle that the plan kept a distance to and that took up "
-        "a lane of the plan was nearer than the planner's own safe distance. Intervals: Clopper and Pearson, widened "
-        "by how alike the plans of one run are. The claims hold where vehicles move as predicted, which those that "
-        "SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are not optimal "
-        "claim nothing."
+        "a lane of the plan was nearer than the planner's own safe distance. Intervals: the runs are the "
+        "sampling unit (Korn and Graubard); effective is the number of independent plans that would tell as much, and "
+        "without a violation that is the number of runs. The claims hold where vehicles move as predicted, which "
+        "those that SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are "
+        "not optimal claim nothing."
     )
     frame = audit.rates.rename(columns={"cell_label": "cell"})[_COLUMNS]
     return StudyTable(
@@ -100,12 +102,13 @@ def audit_step_table(audit: StudyAudit) -> StudyTable:
             str(row["horizon_step"]),
             number(100 * row["risk_level"]),
             f"{row['violation_count']} of {row['trial_count']}",
+            str(row["run_count"]),
             number(100 * row["violation_rate"]),
             interval(100 * row["low_rate"], 100 * row["high_rate"]),
         )
         for row in audit.steps.to_dict("records")
     ]
-    headings = ("cell", "plans", "horizon step", "asked [%]", "violated", "rate [%]", "95 % interval")
+    headings = ("cell", "plans", "horizon step", "asked [%]", "violated", "runs", "rate [%]", "95 % interval")
     frame = audit.steps.rename(columns={"cell_label": "cell"})[_STEP_COLUMNS]
     return StudyTable("risk_steps", "Violations of the safe distance by horizon step", frame, headings, tuple(rows))
 
@@ -117,11 +120,14 @@ def audit_sentences(audit: StudyAudit) -> Iterator[str]:
         Verdict.VIOLATED: "took more risk than asked",
         Verdict.CONSISTENT: "took about the risk asked",
         Verdict.CONSERVATIVE: "took less than half the risk asked",
-        Verdict.TOO_FEW: "planned too few times to tell the risk taken",
+        Verdict.TOO_FEW: "ran too few times to tell the risk taken",
     }
     for outcome, told in words.items():
         cells = plans[plans["verdict"] == outcome]
         if len(cells):
-            named = [f"{row.cell_label} ({number(100 * row.violation_rate)} % of its plans)" for row in each(cells)]
+            named = [
+                f"{row.cell_label} ({number(100 * row.violation_rate)} % of its plans, {row.run_count} runs)"
+                for row in each(cells)
+            ]
             yield f"{told[0].upper()}{told[1:]}: {listed(named)}."
     yield from audit.notes

@@ -3,16 +3,15 @@
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.catalogue import METRICS
-from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_pairs, holm, pairs_needed, verdict
+from sumo_hmdp.report.comparison import Comparison, Pairs, Wording, compare_all, pair_up, pairs_needed, verdict
 from sumo_hmdp.report.frames import by_seed, is_binary, numbers
 from sumo_hmdp.report.statistics import describe, rate_table
 from sumo_hmdp.report.work import OnProgress, Work
@@ -25,7 +24,6 @@ DEFAULT_METRICS = (
 )  # fmt: skip
 # What is smaller merely because a run ends early, besides counts.
 SUMS_OVER_TIME = frozenset({"duration_s", "distance_m", "time_loss_s", "tet_s", "tit_s2"})
-SIGNIFICANCE = 0.05
 CELL_COLUMNS = ("scenario", "planner", "solver", "risk_level")
 
 
@@ -222,7 +220,7 @@ def _pairs(cells: Sequence[_Cell], compared: Sequence[str]) -> Iterator[tuple[_C
 def _differences(
     cells: Sequence[_Cell], compared: Sequence[str], metrics: Sequence[str], level: float, work: Work
 ) -> pd.DataFrame:
-    found: list[tuple[str, Comparison]] = []
+    found: list[tuple[str, Pairs]] = []
     pairs = list(_pairs(cells, compared))
     work.expect(len(pairs) * len(metrics))
     for first, second in pairs:
@@ -234,16 +232,13 @@ def _differences(
             )
             binary = is_binary(first.runs[metric])
             where = first.label(alike) if alike else ""
-            found.append((where, compare_pairs(one, two, metric, (names[0], names[1]), binary, level)))
-            work.tick()
+            found.append((where, pair_up(one, two, metric, (names[0], names[1]), binary=binary)))
     places = list(dict.fromkeys(where for where, _ in found))
     found.sort(key=lambda item: places.index(item[0]))
-    adjusted = holm(np.array([comparison.p_value for _, comparison in found]))
     rows = []
-    for (where, comparison), p_adjusted in zip(found, adjusted, strict=True):
-        final = replace(comparison, p_adjusted=float(p_adjusted))
+    for (where, _), final in zip(found, compare_all([pair for _, pair in found], level, work.tick), strict=True):
         sentence, needed = verdict(final, wording(final.metric)), pairs_needed(final)
-        if final.p_adjusted > SIGNIFICANCE and final.pair_count >= FEWEST_PAIRS and needed > final.pair_count:
+        if final.enough and not final.shown and needed > final.pair_count:
             sentence += f"; if it is real, about {needed:.0f} pairs would show it in a test of its own"
         rows.append({"where": where, **asdict(final), "verdict": f"{where}: {sentence}" if where else sentence})
     columns = ["where", *Comparison.__dataclass_fields__, "verdict"]
@@ -260,4 +255,4 @@ def wording(metric: str) -> Wording:
         return Wording(metric)
     known = METRICS.get(metric)
     quantity = f"number of {known.label}" if known.is_count else known.label
-    return Wording(quantity, "%" if metric.endswith("_share") else known.unit)
+    return Wording(quantity, "%" if metric.endswith(("_share", "_rate")) else known.unit)

@@ -17,9 +17,9 @@ from sumo_hmdp.report.lane_panel import COLORS
 from sumo_hmdp.report.study_canvas import INK, LINE, PAPER, StudyFigure, cells, look, panels
 from sumo_hmdp.report.study_table import each, listed, number, printed
 from sumo_hmdp.report.study_tables import DISTRIBUTED, STATUSES
-from sumo_hmdp.report.study_verdict import BETTER, COMPARED, NOT_IN_MEAN, WORSE, Finding, higher_is_better, wording
+from sumo_hmdp.report.study_verdict import BETTER, COMPARED, WORSE, Finding, higher_is_better, wording
 
-SHOWN = (BETTER, WORSE, NOT_IN_MEAN)
+SHOWN = (BETTER, WORSE)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ def risk_figure(plans: pd.DataFrame) -> StudyFigure:
     title = f"Risk taken over risk asked: {'; '.join(parts)}"
     told = "; ".join(
         f"{row.cell_label}: asked {number(row.risk_level)}, measured {number(row.violation_rate)} "
-        f"({number(row.low_rate)} to {number(row.high_rate)}), {row.verdict}"
+        f"({number(row.low_rate)} to {number(row.high_rate)}), {row.verdict} "
+        f"in {row.run_count} runs"
         for row in each(plans)
     )
 
@@ -123,8 +124,9 @@ def risk_figure(plans: pd.DataFrame) -> StudyFigure:
             axes.plot(rates[0], place, color=color, marker=marker, markersize=6)
             axes.plot([100 * row.risk_level] * 2, [place - 0.36, place + 0.36], color=INK, lw=2.0)
             axes.annotate(
-                row.verdict, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=7.5, color=INK
-            )
+                f"{row.verdict} ({row.run_count} runs)", (1.01, place), xycoords=("axes fraction", "data"), va="center",
+                fontsize=7.5, color=INK,
+            )  # fmt: skip
         cells(axes, plans["cell_label"].tolist())
         axes.set_xlim(left=0)
         axes.set_xlabel("plans that broke the distance [%], with the 95 % interval; upright bar: the risk asked for")
@@ -152,7 +154,11 @@ def forest_figure(findings: Sequence[Finding]) -> StudyFigure:
     alt = "Differences with intervals, filled where shown. " + "; ".join(
         f"{one.comparison.first}, {wording(one.comparison.metric).quantity}: {one.outcome}" for one in findings[:40]
     )
-    key = "Cell less baseline, with 95 % intervals. Diamonds: better; squares: worse; hollow: no difference shown."
+    level = f"{100 * findings[0].comparison.level:.4g}"
+    key = (
+        f"Cell less baseline, with {level} % intervals, the level with which Holm's correction ended. Diamonds: "
+        "better; squares: worse; hollow: no difference shown."
+    )
     return StudyFigure("differences", title, key, alt, draw)
 
 

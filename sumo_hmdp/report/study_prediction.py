@@ -15,7 +15,7 @@ from sumo_hmdp.metrics.calibration import (
     position_coverage,
     position_nees,
 )
-from sumo_hmdp.metrics.decision_tables import realised_branches, with_intents
+from sumo_hmdp.metrics.decision_tables import realised_branches, realised_predictions, with_intents
 from sumo_hmdp.report.case_road import GREY
 from sumo_hmdp.report.study_canvas import INK, StudyFigure, look, panels
 from sumo_hmdp.report.study_table import StudyTable, each, interval, number
@@ -50,7 +50,7 @@ def predictions(traced: Sequence[TracedCell]) -> Prediction | None:
     """Score the predictions of every cell whose branches were recorded; None where there are none."""
     parts: dict[str, list[pd.DataFrame]] = {"coverage": [], "scores": [], "reliability": [], "paths": []}
     for cell in traced:
-        realised = _realised(cell)
+        realised, branches = _realised(cell)
         if realised.empty:
             continue
         nees = position_nees(realised).rename(columns={"trial_count": "nees_trial_count"})
@@ -58,7 +58,7 @@ def predictions(traced: Sequence[TracedCell]) -> Prediction | None:
             "coverage": position_coverage(realised),
             "scores": lane_scores(realised).merge(nees, on="horizon_step", how="left"),
             "reliability": lane_reliability(realised),
-            "paths": pd.DataFrame([displacement_errors(realised)]),
+            "paths": pd.DataFrame([displacement_errors(branches)]),
         }
         for name, table in found.items():
             table.insert(0, "cell_label", cell.label)
@@ -68,14 +68,18 @@ def predictions(traced: Sequence[TracedCell]) -> Prediction | None:
     return Prediction(**{name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()})
 
 
-def _realised(cell: TracedCell) -> pd.DataFrame:
-    shown = cell.decisions[cell.decisions["branches_json"].str.len() > len("[]")]
+def _realised(cell: TracedCell) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Return whole predictions, and the branches that were written down, beside what happened."""
+    told = cell.decisions.get("prediction_json", pd.Series("[]", index=cell.decisions.index))
+    shown = cell.decisions[np.array([isinstance(text, str) and text != "[]" for text in told.tolist()], dtype=bool)]
     chosen = shown.iloc[np.unique(np.linspace(0, len(shown) - 1, min(OPENED, len(shown))).astype(int))]
-    parts = []
+    parts: tuple[list[pd.DataFrame], list[pd.DataFrame]] = [], []
     for run_id, decisions in chosen.groupby("run_id"):
         steps = with_intents(cell.traces[str(run_id)], cell.settings.road, cell.settings.told)
-        parts.append(realised_branches(decisions, steps, cell.settings.period))
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+        parts[0].append(realised_predictions(decisions, steps, cell.settings.period))
+        parts[1].append(realised_branches(decisions, steps, cell.settings.period))
+    whole, branches = (pd.concat(each, ignore_index=True) if each else pd.DataFrame() for each in parts)
+    return whole, branches
 
 
 def prediction_tables(found: Prediction) -> tuple[StudyTable, ...]:
@@ -88,17 +92,20 @@ def _score_table(frame: pd.DataFrame) -> StudyTable:
     rows = [
         (
             row["cell_label"], str(row["horizon_step"]), number(row["trial_count"]), number(row["log_loss_mean"]),
-            number(row["brier_mean"]), number(row["impossible_count"]), number(row["nees_mean"]),
-            interval(row["low_bound"], row["high_bound"]),
+            number(row["brier_mean"]), number(row["impossible_count"]),
+            number(100 * row["pruned_mean"]), number(row["nees_mean"]), interval(row["nees_low"], row["nees_high"]),
         )
         for row in frame.to_dict("records")
     ]  # fmt: skip
-    headings = ("cell", "horizon step", "predictions", "log loss", "Brier", "not foreseen", "NEES", "2 is right within")
+    headings = (
+        "cell", "horizon step", "predictions", "log loss", "Brier", "not foreseen", "pruned [%]", "NEES",
+        "95 % interval",
+    )  # fmt: skip
     note = (
-        "Log loss and Brier score of the lane; a lane without any probability makes the log loss infinite and is "
-        "counted as not foreseen. NEES: squared error of the branch that came true over its variance, along and "
-        "across; above 2 the prediction was too sure, below too careful. Its bounds suppose independent predictions, "
-        "which those of one run are not."
+        "Of the whole prediction, all branches together. Log loss and Brier score of the lane: what was pruned is "
+        "spread evenly over all lanes, and one in a million at least, so that the log loss is finite; not foreseen are "
+        "lanes that no branch led to. NEES: squared error over the variance of the prediction, along and across; 2 is "
+        "right, above it the prediction was too sure, below too careful. Its interval is Student's over the runs."
     )
     return StudyTable("prediction_scores", "Scores of the predictions", frame, headings, tuple(rows), note)
 
@@ -113,7 +120,10 @@ def _coverage_table(frame: pd.DataFrame) -> StudyTable:
         for row in frame.to_dict("records")
     ]  # fmt: skip
     headings = ("cell", "horizon step", "interval of [%]", "inside", "coverage [%]", "95 % interval")
-    note = "Central intervals of the place along the road, of the mixture of all branches that were recorded."
+    note = (
+        "Central intervals of the place along the road, of the mixture of all branches; what was pruned counts as "
+        "spread like the rest. The runs are the sampling unit of the 95 % intervals."
+    )
     return StudyTable("prediction_coverage", "Coverage of the predicted places", frame, headings, tuple(rows), note)
 
 
@@ -138,7 +148,10 @@ def _path_table(frame: pd.DataFrame) -> StudyTable:
         for row in frame.to_dict("records")
     ]
     headings = ("cell", "predictions", "ADE best [m]", "FDE best [m]", "ADE likeliest [m]", "FDE likeliest [m]")
-    note = "Average and final distance between predicted and driven path, of the best and of the likeliest branch."
+    note = (
+        "Average and final distance between predicted and driven path, of the best and of the likeliest of the at most "
+        "twelve branches a vehicle that are written down."
+    )
     return StudyTable("prediction_paths", "Errors of the predicted paths", frame, headings, tuple(rows), note)
 
 

@@ -77,8 +77,8 @@ def cell_table(frame: pd.DataFrame) -> StudyTable:
         "95 % interval",
     )
     note = (
-        "Intervals: Clopper and Pearson of the rate, Student of the mean. Runs that failed are left out. The frontier "
-        "goes by estimates."
+        "Intervals: Clopper and Pearson of the rate, Student's t and the bootstrap-t together of the mean. Runs that "
+        "failed are left out. The frontier goes by estimates."
     )
     return StudyTable("cells", "Risk and efficiency of every cell", frame, headings, tuple(rows), note)
 

@@ -1,14 +1,22 @@
 """The verdict of a study: how each cell differs from the baseline on common seeds, in numbers and in sentences."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
-import numpy as np
 import pandas as pd
 
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.registry import Better
-from sumo_hmdp.report.comparison import FEWEST_PAIRS, Comparison, Wording, compare_cells, holm, pairs_needed, verdict
+from sumo_hmdp.report.comparison import (
+    Comparison,
+    Pairs,
+    Wording,
+    cell_pairs,
+    compare_all,
+    pairs_needed,
+    verdict,
+)
+from sumo_hmdp.report.sample_size import FEWEST_PAIRS
 from sumo_hmdp.report.study_data import StudyData, baseline_of
 from sumo_hmdp.report.study_table import StudyTable, interval, listed, number, p_text, printed
 
@@ -24,9 +32,9 @@ COMPARED = (
     "braking_imposed_max_mps2",
     "jerk_rms_mps3",
 )
-SIGNIFICANCE = 0.05
-BETTER, WORSE, NOT_SHOWN, TOO_FEW, NOT_IN_MEAN = (
-    "better", "worse", "no difference shown", "too few data", "differs, but not in its mean",
+LEVEL = 0.95
+BETTER, WORSE, NOT_SHOWN, TOO_FEW, ALIKE = (
+    "better", "worse", "no difference shown", "too few data", "differs by the same in every pair",
 )  # fmt: skip
 
 
@@ -50,7 +58,7 @@ def wording(metric: str) -> Wording:
     known = METRICS.get(metric)
     if metric == "speed_mean_mps":
         return Wording(known.label, printed(known.unit), "faster", "slower")
-    return Wording(known.label, "%" if metric.endswith("_share") else printed(known.unit))
+    return Wording(known.label, "%" if metric.endswith(("_share", "_rate")) else printed(known.unit))
 
 
 def higher_is_better(metric: str) -> bool:
@@ -60,27 +68,25 @@ def higher_is_better(metric: str) -> bool:
 
 def findings_of(data: StudyData) -> tuple[Finding, ...]:
     """Compare every cell with the baseline of its context, with Holm's correction over the whole study."""
-    found: list[Comparison] = []
+    pairs: list[Pairs] = []
     for context in data.contexts:
         cells = data.cells_in(context)
         present = [cell for cell in cells if (data.ended["cell"] == cell.id).any()]
         baseline = baseline_of(present)
         if baseline is not None:
             runs = data.ended[data.ended["cell"].isin([cell.id for cell in present])]
-            found += compare_cells(runs, ["cell_label"], COMPARED, (baseline.label,))
-    adjusted = holm(np.array([one.p_value for one in found]))
-    found = [replace(one, p_adjusted=float(p)) for one, p in zip(found, adjusted, strict=True)]
-    return tuple(Finding(one, outcome_of(one)) for one in found)
+            pairs += cell_pairs(runs, ["cell_label"], COMPARED, (baseline.label,))
+    return tuple(Finding(one, outcome_of(one)) for one in compare_all(pairs, LEVEL))
 
 
 def outcome_of(comparison: Comparison) -> str:
     """Return what a comparison shows of its first cell."""
-    if comparison.pair_count < FEWEST_PAIRS or np.isnan(comparison.p_adjusted):
+    if not comparison.enough:
         return TOO_FEW
-    if comparison.p_adjusted > SIGNIFICANCE:
+    if comparison.alike:
+        return ALIKE
+    if not comparison.shown:
         return NOT_SHOWN
-    if comparison.difference == 0:
-        return NOT_IN_MEAN
     return BETTER if (comparison.difference > 0) == higher_is_better(comparison.metric) else WORSE
 
 
@@ -94,14 +100,19 @@ def verdict_table(findings: Sequence[Finding]) -> StudyTable:
         unit = f" [{words.unit}]" if words.unit else ""
         ends = interval(scale * c.low, scale * c.high)
         size = number(scale * c.difference)
-        texts = (f"{words.quantity}{unit}", finding.outcome, size, ends, str(c.pair_count), p_text(c.p_adjusted))
+        told = f"{finding.outcome} (doubtful)" if c.doubt else finding.outcome
+        texts = (f"{words.quantity}{unit}", told, size, ends, str(c.pair_count), p_text(c.p_adjusted))
         rows.append((c.first, c.second, *texts))
         records.append(_record(finding))
-    headings = ("cell", "against", "in", "is", "difference", "95 % interval", "pairs", "p after Holm")
+    level = f"{100 * findings[0].comparison.level:.4g} % interval" if findings else "interval"
+    headings = ("cell", "against", "in", "is", "difference", level, "pairs", "p after Holm")
     note = (
-        f"Difference: cell less baseline, mean over common seeds, with its BCa bootstrap interval. p: Wilcoxon's "
-        f"signed ranks, of contacts McNemar's exact test; Holm's correction is over all {len(findings)} rows. Shown "
-        f"means p after Holm at most {SIGNIFICANCE:g}; fewer than {FEWEST_PAIRS} pairs show nothing."
+        f"Difference: cell less baseline, mean over common seeds. Its test and its interval are one: Student's t and "
+        f"the bootstrap-t together, of contacts Tango's score. Holm's correction is over all {len(findings)} rows; the "
+        "intervals are at the level with which it ended, so that one leaves 0 out exactly where a difference is shown. "
+        f"Fewer than {FEWEST_PAIRS} pairs show nothing, and pairs that are all alike have no interval. Doubtful: so "
+        "skewed, or so few that differ, that the interval may hold less often than it says; the sentence in the CSV "
+        "says why."
     )
     return StudyTable(
         "verdict", "Each cell against the baseline, on common seeds", pd.DataFrame(records, columns=_COLUMNS), headings,
@@ -111,8 +122,8 @@ def verdict_table(findings: Sequence[Finding]) -> StudyTable:
 
 _COLUMNS = [
     "metric", "first", "second", "outcome", "unit", "pair_count", "unpaired_count", "missing_count", "infinite_count",
-    "difference", "low", "high", "level", "test", "p_value", "p_adjusted", "cohen_dz", "rank_biserial",
-    "variance_saved", "pairs_needed_count", "sentence",
+    "difference", "low", "high", "level", "test", "p_value", "p_adjusted", "cohen_dz",
+    "variance_saved", "doubt", "pairs_needed_count", "sentence",
 ]  # fmt: skip
 
 
@@ -123,7 +134,7 @@ def _record(finding: Finding) -> dict[str, object]:
         "outcome": finding.outcome,
         "unit": metric_unit,
         "pairs_needed_count": pairs_needed(c),
-        "sentence": verdict(c, wording(c.metric), SIGNIFICANCE),
+        "sentence": verdict(c, wording(c.metric)),
     }
 
 
@@ -133,11 +144,11 @@ def pairs_table(findings: Sequence[Finding]) -> StudyTable:
     for finding in findings:
         c = finding.comparison
         left_out = number(c.unpaired_count), number(c.missing_count), number(c.infinite_count)
-        effect = number(c.cohen_dz, 2), number(c.rank_biserial, 2), number(100 * c.variance_saved, 2)
+        effect = number(c.cohen_dz, 2), number(100 * c.variance_saved, 2)
         told = wording(c.metric).quantity, c.test, p_text(c.p_value)
         rows.append((c.first, *told, str(c.pair_count), *left_out, *effect, number(pairs_needed(c))))
     headings = (
-        "cell", "in", "test", "p", "pairs", "without partner", "missing", "infinite", "Cohen's dz", "rank-biserial",
+        "cell", "in", "test", "p", "pairs", "without partner", "missing", "infinite", "Cohen's dz",
         "variance saved [%]", "pairs for 80 % power",
     )  # fmt: skip
     note = (
@@ -178,7 +189,7 @@ def _against(findings: Sequence[Finding]) -> Iterator[str]:
         mine = [one for one in findings if (one.comparison.first, one.comparison.second) == pair]
         outcomes = {
             outcome: [_told(one.comparison, outcome) for one in mine if one.outcome == outcome]
-            for outcome in (BETTER, WORSE, NOT_IN_MEAN, NOT_SHOWN, TOO_FEW)
+            for outcome in (BETTER, WORSE, ALIKE, NOT_SHOWN, TOO_FEW)
         }
         if len(outcomes[TOO_FEW]) == len(mine):
             yield f"{pair[0]} against {pair[1]}: too few data in everything ({mine[0].comparison.pair_count} pairs)."
@@ -189,14 +200,14 @@ def _against(findings: Sequence[Finding]) -> Iterator[str]:
             NOT_SHOWN: "no difference shown in",
             TOO_FEW: "too few data for",
         }
-        lead[NOT_IN_MEAN] = "different, but not on average, in"
+        lead[ALIKE] = "different by the same in every pair in"
         parts = [f"{lead[outcome]} {listed(names, 9)}" for outcome, names in outcomes.items() if names]
         yield f"{pair[0]} against {pair[1]}: {'; '.join(parts)}."
 
 
 def _told(c: Comparison, outcome: str) -> str:
     words = wording(c.metric)
-    if outcome not in {BETTER, WORSE}:
+    if outcome not in {BETTER, WORSE, ALIKE}:
         return words.quantity
     sign = "+" if c.difference > 0 else "−"  # noqa: RUF001 - a minus
-    return f"{words.quantity} ({sign}{words.amount(abs(c.difference))}{words.suffix})"
+    return f"{words.quantity} ({sign}{words.amount(abs(c.difference))}{words.suffix}{', doubtful' if c.doubt else ''})"

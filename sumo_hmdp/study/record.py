@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -12,7 +12,7 @@ import pandas as pd
 
 from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
-from sumo_hmdp.domain.plan import Decision
+from sumo_hmdp.domain.plan import Decision, Evidence, Foretells
 from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.sim.contact import Contact, Side
@@ -31,7 +31,7 @@ DECISION_COLUMNS = {
     "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
-    "notes_json": "str",
+    "notes_json": "str", "prediction_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -301,4 +301,30 @@ class Recorder:
                     for bound in (() if evidence is None else evidence.bounds())
                 ]
             ),
+            "prediction_json": _prediction_json(evidence),
         }
+
+
+def _prediction_json(evidence: Evidence | None) -> str:
+    """Return the whole prediction of each vehicle, to six digits: enough to score it, and half as long."""
+    if not isinstance(evidence, Foretells):
+        return "[]"
+
+    def short(values: Sequence[float]) -> list[float]:
+        return [float(f"{value:.6g}") for value in values]
+
+    return json.dumps(
+        [
+            {
+                "vehicle_id": one.vehicle_id,
+                "pruned_prob": one.pruned,
+                "lane_probs": [short(lanes) for lanes in one.lanes],
+                "x_mean_m": short(one.x_mean),
+                "x_std_m": short(one.x_std),
+                "y_mean_m": short(one.y_mean),
+                "y_std_m": short(one.y_std),
+                "x_quantiles_m": [short(quantiles) for quantiles in one.x_quantiles],
+            }
+            for one in evidence.prediction()
+        ]
+    )

@@ -17,7 +17,7 @@ from sumo_hmdp.decision.highs import solver_version
 from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.metrics.planned_distances import audit_settings
+from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
@@ -136,9 +136,10 @@ def _record(
             steps,
             decisions,
             run.parameters.get("desired_speed_mps"),
-            audit_settings(facts),
+            _audited_as(run),
             contact=bool(recorder.contacts),
             front_contact=recorder.front_contact,
+            ended_in_contact=status is RunStatus.CONTACT,
         ),
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
@@ -167,6 +168,14 @@ def _record(
     return RunRecord(
         recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
     )  # fmt: skip
+
+
+def _audited_as(run: ReadyRun) -> AuditSettings | None:
+    """Return what the plans of a run are asked for, None where nobody knows: a planner may have rules of its own."""
+    try:
+        return audit_settings(run_manifest(run))
+    except InputError:
+        return None
 
 
 def run_facts(run: ReadyRun, run_id: str, status: RunStatus, reason: str) -> dict[str, Any]:

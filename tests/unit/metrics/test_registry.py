@@ -39,7 +39,7 @@ def test_every_metric_says_what_it_is():
         assert metric.label
         assert metric.unit or metric.is_count
         printed = metric.unit.replace("/km", "pkm").replace("m/s", "mps").replace("/s", "ps")
-        assert metric.is_count or metric.name.endswith(("_share",) if metric.unit == "1" else (f"_{printed}",))
+        assert metric.is_count or metric.name.endswith(("_share", "_rate") if metric.unit == "1" else (f"_{printed}",))
 
 
 def test_the_page_is_up_to_date():

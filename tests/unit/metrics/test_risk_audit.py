@@ -11,12 +11,17 @@ from sumo_hmdp.domain.occupancy import Occupancy
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.blame import Blame, blame_violations, prediction_hits
+from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.decision_tables import with_intents
 from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
-from sumo_hmdp.metrics.proportion import Rate, rate
+from sumo_hmdp.metrics.proportion import clustered_proportion
+from sumo_hmdp.metrics.registry import RunData
 from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, judge, violation_rates
+from sumo_hmdp.metrics.trace import Motion, Trace
 
 ROAD = Road(3, 4.0)
+NOTHING = Motion(*np.zeros((9, 0, 0)))
+EMPTY = Trace(np.zeros(0), NOTHING, NOTHING, ())
 SETTINGS = AuditSettings(period=0.6, distance=SafeDistance(20.0), road=ROAD)
 
 
@@ -135,6 +140,21 @@ def test_denominators_are_never_mixed_and_relaxed_plans_stand_apart():
         ("relaxed", "plan"): (1, 1),
         ("relaxed", "run"): (1, 1),
     }
+    # What the run itself says is of the plans that claim to keep their distances.
+    own = METRICS.all
+    run = RunData(EMPTY, decisions, steps=trace(*ego[:3], *car[:3], (2.4, "ego", 104.0, 2)), audit=SETTINGS)
+    assert own["step_violation_rate"].compute(run) == 1 / 5
+    assert own["plan_violation_rate"].compute(run) == 1 / 2
+    assert np.isnan(own["plan_violation_rate"].compute(RunData(EMPTY, decisions)))
+
+
+def test_a_run_without_any_plan_has_no_rate():
+    """All its decisions are fallbacks; the audit of such a run ended in KeyError: 'intended_lane'."""
+    decisions = pd.DataFrame([decision(0, 0.0, [], status="fallback") | {"vehicles_json": '["car"]'}])
+    steps = trace((0.6, "ego", 100.0, 2), (0.6, "car", 110.0, 2))
+    assert audit_run(decisions, steps, SETTINGS).empty
+    found = METRICS.all["plan_violation_rate"].compute(RunData(EMPTY, decisions, steps=steps, audit=SETTINGS))
+    assert np.isnan(found)
 
 
 @pytest.mark.parametrize(("status", "plans"), [("completed", (0, 0)), ("contact", (1, 1))])
@@ -165,16 +185,16 @@ def many(violated_by_run, planner="hmdp", first=0):
 
 
 def test_rates_by_planner_and_step():
-    audited = pd.concat([many([[0, 1] * 50]), many([[0, 0] * 100], first=1)], ignore_index=True)
-    runs = runs_of(("r0", "a", "completed", 0.05), ("r1", "b", "completed", 0.05))
+    audited = pd.concat([many([[0, 1] * 5] * 8), many([[0, 0] * 5] * 150, first=8)], ignore_index=True)
+    runs = runs_of(*((f"r{i}", "a" if i < 8 else "b", "completed", 0.05) for i in range(158)))
     table = violation_rates(audited, runs, ["planner", "horizon_step"]).set_index(["planner", "horizon_step"])
     assert table["per"].unique().tolist() == ["step"]
     assert table["violation_rate"].to_dict() == {("a", 1): 0.0, ("a", 2): 1.0, ("b", 1): 0.0, ("b", 2): 0.0}
     assert table["verdict"].to_dict() == {
         ("a", 1): "too few data",
         ("a", 2): "violated",
-        ("b", 1): "consistent",
-        ("b", 2): "consistent",
+        ("b", 1): "conservative",
+        ("b", 2): "conservative",
     }
     per = violation_rates(audited, runs, ["planner"]).set_index(["planner", "per"])["verdict"]
     assert per["a", "plan"] == "violated"
@@ -189,12 +209,12 @@ def test_runs_that_fail_as_a_whole_widen_the_interval():
     assert clustered["violation_rate"] == spread["violation_rate"] == 0.1
     # Twenty plans of one run are one bad run of ten, which eps = 0.05 may well give; twenty in all runs are not.
     assert (clustered["verdict"], spread["verdict"]) == ("too few data", "violated")
-    assert clustered["design_effect"] == pytest.approx(20 * 10 / 9)
+    assert (clustered["run_count"], clustered["effective_count"], clustered["df_count"]) == (10, 10, 0)
 
 
-# With eps = 0.05 no violation in n trials reaches above it up to n = 71: 1 - 0.025^(1/n) = 0.0506, and 0.0499 for 72.
+# With eps = 0.05 no violation in n runs reaches above it up to n = 71: 1 - 0.025^(1/n) = 0.0506, and 0.0499 for 72.
 @pytest.mark.parametrize(
-    ("hits", "trials", "expected"),
+    ("hits", "runs", "expected"),
     [
         (0, 71, Verdict.TOO_FEW),
         (0, 72, Verdict.CONSISTENT),
@@ -206,12 +226,19 @@ def test_runs_that_fail_as_a_whole_widen_the_interval():
         (65, 1000, Verdict.VIOLATED),
     ],
 )
-def test_the_verdict_by_hand(hits, trials, expected):
-    assert judge(rate(hits, trials), 0.05) is expected
+@pytest.mark.parametrize("plans", [1, 32])
+def test_the_verdict_by_hand(hits, runs, expected, plans):
+    """Runs whose plans all agree tell the same, however many plans they have."""
+    measured = clustered_proportion([plans] * hits + [0] * (runs - hits), [plans] * runs)
+    assert judge(measured, 0.05) is expected
+
+
+def test_no_violation_in_many_plans_of_few_runs_is_too_few_data():
+    assert judge(clustered_proportion([0] * 20, [32] * 20), 0.05) is Verdict.TOO_FEW
 
 
 def test_without_a_risk_level_there_is_no_claim():
-    assert judge(Rate(0, 9, 0.0, 0.0, 0.1), float("nan")) is Verdict.NO_CLAIM
+    assert judge(clustered_proportion([0], [9]), float("nan")) is Verdict.NO_CLAIM
 
 
 def test_missing_columns_of_runs_are_named():
@@ -309,13 +336,16 @@ def test_a_world_that_follows_the_model_is_within_the_interval():
     """Plans that leave the margin of eps = 0.1 in a world of the predicted spread fall short in a tenth of cases."""
     rng = np.random.default_rng(8)
     margin = 1.2815515655446004  # the 90 % point of the normal distribution
-    decisions, steps = [], []
-    for index in range(600):
-        decisions.append(decision(index, float(index), [(2, 100.0)]))
-        car = 100.0 + 20.0 + margin + rng.normal()
-        steps += [(index + 0.6, "ego", 100.0, 2), (index + 0.6, "car", car, 2)]
-    audited = audit_run(pd.DataFrame(decisions), trace(*steps), SETTINGS)
-    table = violation_rates(audited, runs_of(("r", "hmdp", "completed", 0.1)), level=0.99).set_index("per")
+    audited, runs = [], []
+    for run in range(60):
+        cars = 100.0 + 20.0 + margin + rng.normal(size=10)
+        decisions = pd.DataFrame([decision(index, float(index), [(2, 100.0)], run=f"r{run}") for index in range(10)])
+        seen = [
+            (index + 0.6, *where) for index, car in enumerate(cars) for where in (("ego", 100.0, 2), ("car", car, 2))
+        ]
+        audited.append(audit_run(decisions, trace(*seen), SETTINGS))
+        runs.append((f"r{run}", "hmdp", "completed", 0.1))
+    table = violation_rates(pd.concat(audited, ignore_index=True), runs_of(*runs), level=0.99).set_index("per")
     assert table.loc["plan", "low_rate"] < 0.1 < table.loc["plan", "high_rate"]
     assert table.loc["plan", "verdict"] == "consistent"
 

@@ -78,14 +78,9 @@ def test_alone_on_the_road_nothing_of_others_is_defined():
     undefined = {name for name, value in row.items() if value is None}
     of_others = {name for name in ALL if name.startswith(("gap", "time_gap", "ttc", "mttc", "drac", "pet", "braking"))}
     of_two_instants = {name for name in ALL if name.startswith(("jerk", "yaw", "lateral_accel"))}
-    alone = {
-        "distance_shortfall_max_m",
-        "lane_change_first_s",
-        "violation_max_m",
-        "time_loss_s",
-        "tet_spkm",
-        "tit_s2pkm",
-    }
+    alone = {"lane_change_first_s", "violation_max_m", "time_loss_s", "tet_spkm", "tit_s2pkm"}
+    alone |= {"plan_violation_rate", "step_violation_rate"}
+    alone |= {"distance_shortfall_max_m"}
     assert len(of_others) == 9
     assert undefined == of_others | of_two_instants | alone
     assert row["distance_m"] == 0.0

@@ -5,7 +5,13 @@ import pytest
 from scipy import stats
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.report.sample_size import pairs_for_difference, runs_for_half_width
+from sumo_hmdp.metrics.proportion import PairedRates, rate
+from sumo_hmdp.report.sample_size import (
+    pairs_for_difference,
+    pairs_for_rates,
+    runs_for_half_width,
+    runs_for_no_violation,
+)
 
 
 # Two-sided paired t-test at 5 %: Faul et al., G*Power 3, Behav. Res. Methods 39 (2007), and Cohen's table 2.4.1.
@@ -37,3 +43,18 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(InputError, match="no study of up to 1000000 runs is large enough"):
         runs_for_half_width(1.0, 1e-6)
     assert pairs_for_difference(1.0, 0.01) == pytest.approx(78491, rel=1e-3)
+
+
+def test_runs_in_which_no_violation_shows_something():
+    # 1 - 0.025^(1/n): 0.0506 for 71 runs, 0.0499 for 72; the rule of three would say 60.
+    assert [runs_for_no_violation(eps) for eps in (0.05, 0.025, 0.2)] == [72, 146, 17]
+    for eps in (0.01, 0.1):
+        n = runs_for_no_violation(eps)
+        assert rate(0, n).high <= eps < rate(0, n - 1).high
+
+
+def test_pairs_in_which_a_rate_can_differ():
+    for comparisons in (1, 8, 16, 100):
+        n = pairs_for_rates(comparisons)
+        assert PairedRates(n, 0, n).p_value() * comparisons <= 0.05
+        assert n == 6 or PairedRates(n - 1, 0, n - 1).p_value() * comparisons > 0.05

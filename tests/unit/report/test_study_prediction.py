@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sumo_hmdp.metrics.planned_distances import audit_settings
+from sumo_hmdp.metrics.planned_distances import audit_run, audit_settings
+from sumo_hmdp.metrics.risk_audit import violation_rates
 from sumo_hmdp.report.study_blame import blame_figure, blame_frame, blame_table
 from sumo_hmdp.report.study_prediction import prediction_figure, prediction_tables, predictions
 from sumo_hmdp.report.study_svg import svg_of
@@ -38,8 +39,9 @@ def test_doubled_noise_shows_in_coverage_and_paths(cells):
     assert share["told", 0.5] == pytest.approx(0.50, abs=0.12)
     assert share["doubled", 0.5] == pytest.approx(0.26, abs=0.12)
     # Nobody leaves the lane that is certain to be kept.
-    assert found.reliability[["probability_mean", "taken_share"]].to_numpy().tolist() == [[1.0, 1.0]] * 2
-    assert found.scores["log_loss_mean"].abs().max() < 1e-9
+    assert found.reliability["probability_mean"].tolist() == pytest.approx([1.0, 1.0], abs=1e-6)
+    assert found.reliability["taken_share"].tolist() == [1.0, 1.0]
+    assert found.scores["log_loss_mean"].abs().max() < 1e-6
     told, doubled = found.paths.set_index("cell_label")["fde_best_m"].loc[["told", "doubled"]]
     assert doubled > 1.5 * told
 
@@ -74,8 +76,33 @@ def test_causes_of_a_world_that_is_wilder_than_told(cells):
 
 
 def test_without_branches_or_violations_there_is_nothing_to_draw(cells):
-    silent = TracedCell("silent", "", cells[0].settings, cells[0].decisions.assign(branches_json="[]"), cells[0].steps)
-    assert predictions([silent]) is None
+    told = cells[0].decisions
+    for decisions in (told.assign(prediction_json="[]"), told.drop(columns="prediction_json")):
+        assert predictions([TracedCell("silent", "", cells[0].settings, decisions, cells[0].steps)]) is None
     assert predictions([]) is None
     kept = blame_frame(cells).assign(violation_count=np.int64(0))
     assert blame_figure(kept) is None
+
+
+def test_runs_without_any_plan_are_audited_and_have_no_rate(cells):
+    """A run whose decisions are all fallbacks ended the report in KeyError: 'intended_lane'."""
+    decisions = cells[0].decisions.assign(plan_json="[]", status="fallback")
+    bare = TracedCell("bare", "", cells[0].settings, decisions, cells[0].steps)
+    assert [len(part) for part in bare.planned] == [0] * 3
+    assert blame_frame([bare])["violation_count"].sum() == 0
+
+
+def test_a_run_tells_the_risk_that_its_plans_took():
+    options = RunOptions(solver="search", seed=2, risk_level=0.2, overrides={"noise_scale": 2.0})
+    record = execute(load_scenario(find_scenario("matched_tight"), options))
+    audited = audit_run(record.decisions, record.steps, audit_settings(record.manifest))
+    rates = violation_rates(audited, pd.DataFrame([record.row])).set_index(["status", "per"])["violation_rate"]
+    assert record.row["plan_violation_rate"] == rates["optimal", "plan"] > 0
+    assert record.row["step_violation_rate"] == rates["optimal", "step"] < rates["optimal", "plan"]
+
+
+def test_a_planner_without_a_safe_distance_takes_no_risk_that_could_be_told():
+    options = RunOptions(planner="idm_mobil", overrides={"duration_s": 1.0})
+    record = execute(load_scenario(find_scenario("highway"), options))
+    assert record.row["plan_violation_rate"] is None
+    assert record.row["step_violation_rate"] is None
