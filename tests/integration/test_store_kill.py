@@ -12,8 +12,9 @@ import pytest
 import sumo_hmdp
 from sumo_hmdp.study import parts
 from sumo_hmdp.study.design import load_design
-from sumo_hmdp.study.parts import RunTables, Writer, opened, sweep
+from sumo_hmdp.study.parts import RunTables, Writer, opened
 from sumo_hmdp.study.record import DECISION_COLUMNS, STEP_COLUMNS, RunStatus
+from sumo_hmdp.study.recovery import sweep
 from sumo_hmdp.study.run import run_facts
 from sumo_hmdp.study.store import TABLES
 
