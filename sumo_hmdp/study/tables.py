@@ -16,6 +16,8 @@ RUN_COUNT = "sumo_hmdp.run_count"
 # data pages alone, and a changed letter in the footer is another column, or other numbers.
 _DIGEST_KEY, _MARK, _ZEROS = "sumo_hmdp.digest", b"sumo_hmdp.sha256:", b"0" * 64
 TABLE_REMEDY = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
+# Below this a second thread costs more than it brings [bytes].
+_SMALL = 1_000_000
 # What a study's rows of `runs` must have.
 _STUDY_KEYS = {"seed", "status"}
 
@@ -94,7 +96,9 @@ def _verified(file: Path) -> bytes:
 def _parsed(file: Path, content: bytes) -> pd.DataFrame:
     try:
         frame: pd.DataFrame = (
-            parquet.ParquetFile(io.BytesIO(content), page_checksum_verification=True).read().to_pandas()
+            parquet.ParquetFile(io.BytesIO(content), page_checksum_verification=True)
+            .read(use_threads=len(content) > _SMALL)
+            .to_pandas(use_threads=len(content) > _SMALL)
         )
     except Exception as error:  # noqa: BLE001 - in memory, so that the disk has no part in it
         raise DamagedFileError(file, f"must be a whole Parquet file: {str(error).rstrip('.')}", TABLE_REMEDY) from None
