@@ -8,11 +8,12 @@ import tempfile
 import time
 from dataclasses import replace
 from multiprocessing import Pipe
+from pathlib import Path
 
 import pytest
 
 from sumo_hmdp.study import pool as pool_module
-from sumo_hmdp.study.pool import LocalPool, PoolLostError
+from sumo_hmdp.study.pool import LocalPool, PoolLostError, _Worker
 from sumo_hmdp.study.record import RunStatus
 from sumo_hmdp.study.runner import job_of
 from sumo_hmdp.study.worker import Outcome
@@ -105,7 +106,7 @@ def test_a_run_whose_folder_was_removed_is_not_blamed(pool, tiny):
 def test_time_in_which_the_parent_was_stopped_does_not_count(monkeypatch):
     now = [100.0]
     monkeypatch.setattr(pool_module.time, "monotonic", lambda: now[0])
-    waiting = LocalPool(1)
+    waiting = LocalPool(1, _looked=now[0])
     assert waiting._now() == 0.0
     now[0] += 0.5
     assert waiting._now() == 0.5
@@ -113,14 +114,19 @@ def test_time_in_which_the_parent_was_stopped_does_not_count(monkeypatch):
     assert waiting._now() == 0.5 + pool_module.LOOK_MAX
 
 
-def test_what_a_planner_has_started_ends_with_its_worker(pool, tiny, tmp_path):
-    job = job_of(tiny, tiny.cells[-1], 0)
-    assert do(pool, job).status is RunStatus.COMPLETED
-    worker = pool._workers[0].process
-    # A process of the worker's group, as one that a planner starts.
-    child = subprocess.Popen(["sleep", "600"], process_group=worker.pid)
+def test_what_a_planner_has_started_ends_with_its_worker(pool, tmp_path):
+    # Instead of a worker a shell that has ended, whose child goes on.
+    program = ["sh", "-c", "sleep 600 >/dev/null & echo $!"]
+    process = subprocess.Popen(program, start_new_session=True, stdout=subprocess.PIPE, text=True)
+    with process.stdout as pipe:
+        child = Path(f"/proc/{pipe.readline().strip()}/stat")
+    assert child.exists()
+    pool._workers.append(_Worker(process, Pipe()[0], tmp_path / "scratch"))
     pool.close()
-    assert child.wait(10) == -signal.SIGKILL
+    until = time.monotonic() + 30
+    while child.exists() and child.read_text().rsplit(")", 1)[1].split()[0] != "Z":
+        assert time.monotonic() < until
+        time.sleep(0.01)
 
 
 def test_without_a_place_for_temporary_files_one_line_says_so(tiny, tmp_path, monkeypatch):
