@@ -17,9 +17,10 @@ from pathlib import Path
 
 import sumo_hmdp
 from sumo_hmdp.study.design import Design, load_design
-from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash, sweep
+from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash
 from sumo_hmdp.study.pool import LocalPool
 from sumo_hmdp.study.record import tables_hash
+from sumo_hmdp.study.recovery import sweep
 from sumo_hmdp.study.run import execute
 from sumo_hmdp.study.runner import Study, in_order, job_of
 from sumo_hmdp.study.store import TABLES

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from sumo_hmdp.study.design import Design
     from sumo_hmdp.study.forecast import Forecast
-    from sumo_hmdp.study.parts import Finished
     from sumo_hmdp.study.pool import Pool
+    from sumo_hmdp.study.recovery import Finished
     from sumo_hmdp.study.runner import Progress, Study
 
 
@@ -60,6 +60,9 @@ def study(
     dry_run: Annotated[  # noqa: FBT002 - a flag of the command line
         bool, typer.Option("--dry-run", help="Check everything, do one run to tell time and disk, and stop.")
     ] = False,
+    retry_failed: Annotated[  # noqa: FBT002 - a flag of the command line
+        bool, typer.Option("--retry-failed", help="Do runs that failed, crashed or timed out again, too.")
+    ] = False,
     solver: Annotated[
         str | None, typer.Option(help="Another solver than the file's.", autocompletion=complete_solver)
     ] = None,
@@ -80,7 +83,10 @@ def study(
     """
     from sumo_hmdp.report.study_seeds import shortfalls
     from sumo_hmdp.study.design import find_study, load_design
-    from sumo_hmdp.study.parts import Writer, opened, sweep
+    from sumo_hmdp.study.parts import opened
+    from sumo_hmdp.study.pool import PoolLostError
+    from sumo_hmdp.study.recovery import sweep
+    from sumo_hmdp.study.resume import keep_file
     from sumo_hmdp.study.runner import Study
 
     if workers is not None and dask is not None:
@@ -94,9 +100,8 @@ def study(
         _show_forecast(design, count, as_json=as_json)
         return
     with opened(out_dir):
-        finished = sweep(out_dir)
-        _tell_changes(design, finished, Writer(out_dir, design.cells).describe_cells())
-        _keep_file(path, out_dir / "study.yaml")
+        finished = _go_on(design, out_dir, sweep(out_dir), retry_failed=retry_failed)
+        keep_file(path, out_dir / "study.yaml", solver)
         pool = _pool(count, dask)
         with _progress() as on_progress, _ending_by_signal():
             work = Study(design, out_dir, finished, pool, limit, on_progress)
@@ -105,20 +110,11 @@ def study(
             except KeyboardInterrupt:
                 say(f"interrupted; what is finished was kept. Go on with\n{_again()}")
                 raise typer.Exit(INTERRUPTED) from None
+            except PoolLostError as error:
+                raise SumoHmdpError(f"{error}; what is finished was kept. Go on with `{_again()}`") from None
             finally:
                 pool.close()
         _show_end(work, out_dir, complete=complete, as_json=as_json)
-
-
-def _keep_file(source: Path, copy: Path) -> None:
-    """Keep the study file beside its results."""
-    from sumo_hmdp.study.parts import disk
-    from sumo_hmdp.study.store import write_text
-
-    text = source.read_text(encoding="utf-8")
-    if not copy.is_file() or copy.read_text(encoding="utf-8") != text:
-        with disk():
-            write_text(copy, text)
 
 
 def _again() -> str:
@@ -132,17 +128,20 @@ def _pool(workers: int, dask: str | None) -> "Pool":
     return LocalPool(workers) if dask is None else DaskPool(dask)
 
 
-def _tell_changes(design: "Design", finished: "Finished", other_versions: list[str]) -> None:
-    """Say what a reader must know before old and new runs stand in one table."""
+def _go_on(design: "Design", folder: Path, finished: "Finished", *, retry_failed: bool) -> "Finished":
+    """Say what a reader must know before old and new runs stand in one table, and take back what is done again."""
+    from sumo_hmdp.study.parts import Writer
+    from sumo_hmdp.study.resume import changes, take_back
+    from sumo_hmdp.study.runner import asked_of
+
     for line in finished.damaged:
         say(line, typer.colors.YELLOW)
-    orphaned = sorted(set(finished.rows["cell"]) - {cell.id for cell in design.cells})
-    for cell in orphaned:
-        message = f"cell {cell} is no longer in the study; its runs are kept and left out of the study's hash"
-        say(message, typer.colors.YELLOW)
-    for cell in other_versions:
-        message = f"cell {cell} was begun with other versions of the software; cells/{cell}.json has both"
-        say(message, typer.colors.YELLOW)
+    Writer(folder, design.cells).describe_cells()
+    asked = asked_of(design, design.seeds)
+    left, told = take_back(folder, finished, asked, retry_failed=retry_failed)
+    for line in (*told, *changes(folder, left, asked)):
+        say(line, typer.colors.YELLOW)
+    return left
 
 
 @contextmanager

@@ -3,12 +3,14 @@
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib.metadata import EntryPoint
 from typing import Any, Literal
 
 from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
 from sumo_hmdp.decision.names import offered
 from sumo_hmdp.decision.planner import Belief, HmdpPlanner
+from sumo_hmdp.decision.plugin_source import PlannerPackage, package_of
 from sumo_hmdp.decision.problem_schema import PlannerFile
 from sumo_hmdp.decision.published_rules import PublishedFile, PublishedPlanner
 from sumo_hmdp.decision.sumo_driver import SumoDriver, SumoFile, SumoPlanner
@@ -199,3 +201,18 @@ def planner_kind(name: str, path: str) -> PlannerKind:
     if name not in kinds:
         raise InputError([Problem(path, f"must be a known planner, got {name!r}; {nearest(name, kinds)}")])
     return kinds[name]
+
+
+def planner_package(name: str) -> PlannerPackage | None:
+    """Return the package that offers a planner, None for the planners of this one."""
+    return _planner_package(name, offered())
+
+
+@lru_cache(maxsize=64)
+def _planner_package(name: str, entries: tuple[EntryPoint, ...]) -> PlannerPackage | None:
+    """Look once a process, which runs what it has imported whatever becomes of the files."""
+    if name in {kind.name for kind in BUILT_IN}:
+        return None
+    found = (entry for entry in entries if getattr(entry.load(), "name", None) == name)
+    entry = next(found, None)
+    return None if entry is None else package_of(entry)

@@ -92,11 +92,13 @@ def compare_study(
     Raises:
         InputError: if there are no results, or no such metric or factor.
     """
-    runs = load(folder).runs
+    results = load(folder)
+    runs = results.runs
     if "status" not in runs:
         raise InputError([f"{folder} must hold runs, got none. Run the study first"])
     ended = runs["status"].isin(["completed", "contact"])
-    notes = [f"left out: {count} runs that are {status}" for status, count in _counts(runs["status"][~ended])]
+    notes = list(results.notes)
+    notes += [f"left out: {count} runs that are {status}" for status, count in _counts(runs["status"][~ended])]
     runs = runs[ended].assign(**{CONTACT_RATE: runs["contact_count"][ended] > 0})
     metrics = tuple(dict.fromkeys(metrics or DEFAULT_METRICS))
     _require_metrics(runs, metrics)

@@ -9,12 +9,13 @@ from typing import Any
 
 import pandas as pd
 
-from sumo_hmdp.documents import read_yaml
+from sumo_hmdp.documents import read_text, read_yaml
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.study.ledger import read_ledger
+from sumo_hmdp.study.asked import Asked, read_asked
+from sumo_hmdp.study.ledger import AGAIN, read_ledger
 from sumo_hmdp.study.parts import COLUMNS
 from sumo_hmdp.study.record import RunStatus
-from sumo_hmdp.study.store import load
+from sumo_hmdp.study.store import Results, json_names, load, read_cell
 
 # These runs were driven to their end; of the others nothing is counted but that they are lost.
 ENDED = (RunStatus.COMPLETED, RunStatus.CONTACT)
@@ -60,6 +61,7 @@ class StudyData:
         decisions: of these.
         steps: of these.
         ledger: attempts that did not end well.
+        notes: what was left out, and whether versions differ.
     """
 
     folder: Path
@@ -72,6 +74,7 @@ class StudyData:
     decisions: pd.DataFrame
     steps: pd.DataFrame
     ledger: tuple[Mapping[str, object], ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def contexts(self) -> tuple[str, ...]:
@@ -92,26 +95,50 @@ def read_study(folder: Path) -> StudyData:
     results = load(folder)
     if not (folder / "cells").is_dir() or (len(results.runs) and "cell" not in results.runs):
         raise InputError([f"{folder} must be written by `sumo-hmdp study`, got other results. Give its --out"])
-    cells = named_cells(
-        [json.loads(file.read_text(encoding="utf-8")) for file in sorted((folder / "cells").glob("*.json"))]
-    )
+    asked = read_asked(folder)
+    cells = named_cells(_descriptions(folder, results, asked))
     runs = results.runs if len(results.runs) else pd.DataFrame(columns=list(COLUMNS["runs"])).astype(COLUMNS["runs"])
     runs = _ordered(runs if "cell" in runs else runs.assign(cell=""), cells)
     ended = runs[runs["status"].isin(ENDED)].reset_index(drop=True)
     file = folder / "study.yaml"
-    content = read_yaml(file).content if file.is_file() else {}
+    content = read_yaml(file).content if file.exists() else {}
+    content = content if isinstance(content, Mapping) else {}
+    known = {cell.id for cell in cells}
     return StudyData(
         folder=folder,
         name=str(content.get("name", folder.name)),
         description=" ".join(str(content.get("description", "")).split()),
-        file_text=file.read_text(encoding="utf-8") if file.is_file() else "",
+        file_text=read_text(file) if file.exists() else "",
         cells=cells,
         runs=runs,
         ended=ended,
         decisions=_of_runs(results.decisions, ended, "decisions"),
         steps=_of_runs(results.steps, ended, "steps"),
-        ledger=tuple(read_ledger(folder)),
+        ledger=tuple(
+            entry
+            for entry in read_ledger(folder)
+            if entry["status"] != AGAIN and str(entry["run_id"]).rsplit("-seed", 1)[0] in known
+        ),
+        notes=results.notes,
     )
+
+
+def _descriptions(folder: Path, results: Results, asked: Asked | None) -> list[dict[str, Any]]:
+    """Return what the cells are that the study asks for, with its labels and the versions of their runs."""
+    names = asked.cells if asked is not None else [name.removesuffix(".json") for name in json_names(folder / "cells")]
+    versions: dict[str, list[Any]] = {}
+    for one in results.manifests.values():
+        found = versions.setdefault(one.get("cell", ""), [])
+        if one["versions"] not in found:
+            found.append(one["versions"])
+    described = []
+    for name in names:
+        content = read_cell(folder, name)
+        if asked is not None:
+            content["factors"] = dict(asked.cells[name])
+        *before, content["versions"] = versions.get(name) or [content["versions"]]
+        described.append(content | ({"versions_before": before} if before else {}))
+    return described
 
 
 def _ordered(runs: pd.DataFrame, cells: Sequence[StudyCell]) -> pd.DataFrame:

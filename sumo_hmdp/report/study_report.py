@@ -113,7 +113,7 @@ def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyRep
         work.tick(len(cell.planned))
     audit = audit_study(data, traced, untraced)
     cells, spread, decisions = cell_frame(data), distribution_frame(data), decision_frame(data)
-    verdict = (*sentences(data, findings), *audit_sentences(audit))
+    verdict = (*sentences(data, findings), *audit_sentences(audit), *data.notes)
     replays = study_replays(data.folder, worst["run_id"], lambda: work.tick(_REPLAY))
     timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
     sections = (

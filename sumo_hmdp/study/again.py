@@ -8,14 +8,17 @@ from typing import Any
 
 import pandas as pd
 
-from sumo_hmdp.documents import Document, read_json
+from sumo_hmdp.documents import Document
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.scenario.load import RunOptions, assemble_scenario
 from sumo_hmdp.sim.episode import Moment
+from sumo_hmdp.study.files import DamagedFileError
+from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.reasons import Reasons
-from sumo_hmdp.study.run import RunRecord, execute, versions
-from sumo_hmdp.study.store import cell_of, manifest_path, read_table, run_files
+from sumo_hmdp.study.run import RunRecord, execute
+from sumo_hmdp.study.store import cell_of, cell_path, manifest_path, read_cell, read_manifest, read_runs, read_table
+from sumo_hmdp.study.versions import differences, read_versions
 
 NAMED = 3
 
@@ -42,7 +45,7 @@ class StoredRun:
     def table(self, name: str) -> pd.DataFrame:
         """Return its rows of a table; an empty frame where nothing was stored."""
         path = self.folder / name / self.file
-        if not path.is_file():
+        if not path.exists():
             return pd.DataFrame()
         rows = read_table(path)
         return rows[rows["run_id"] == self.run_id].reset_index(drop=True)
@@ -54,18 +57,24 @@ class StoredRun:
             InputError: if the file is gone.
         """
         cell = cell_of(self.file)
-        path = manifest_path(self.folder, self.run_id) if cell is None else self.folder / "cells" / f"{cell}.json"
-        if not path.is_file():
+        path = manifest_path(self.folder, self.run_id) if cell is None else cell_path(self.folder, cell)
+        if not path.exists():
             raise InputError(["must be there to do a run again, got no such file. Restore it"], str(path))
-        content: dict[str, Any] = read_json(path).content
+        if cell is None:
+            content = read_manifest(self.folder, self.run_id)
+        else:
+            content = read_cell(self.folder, cell)
+            own = read_versions(self.folder, self.row.get("versions_hash"))
+            content |= {"versions": own} if own else {}
+        for key in ("configuration", "versions"):
+            if not isinstance(content.get(key), dict):
+                raise DamagedFileError(path, f"must hold `{key}`, got {content.get(key)!r}", "Restore it")
         facts = {key: self.row[key] for key in ("run_id", "seed", "status", "reason", "trace_hash")}
         return content | {key: None if pd.isna(value) else value for key, value in facts.items()}
 
     def changed_versions(self) -> tuple[str, ...]:
         """Return what of the software has another version now, in words."""
-        now = versions()
-        then = self.manifest()["versions"]
-        return tuple(f"{name} {old}, now {now.get(name)}" for name, old in then.items() if old != now.get(name))
+        return differences(self.manifest()["versions"], versions(str(self.row["planner"])))
 
 
 def stored_run(folder: Path, run_id: str) -> StoredRun:
@@ -79,8 +88,8 @@ def stored_run(folder: Path, run_id: str) -> StoredRun:
         InputError: if there is no such run; the nearest names are given.
     """
     known = []
-    for file in run_files(folder):
-        for row in read_table(folder / "runs" / file).to_dict("records"):
+    for file, rows in read_runs(folder):
+        for row in rows.drop(columns="cell", errors="ignore").to_dict("records"):
             if row["run_id"] == run_id:
                 return StoredRun(folder, file, {str(key): value for key, value in row.items()})
             known.append(str(row["run_id"]))

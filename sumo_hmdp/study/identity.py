@@ -2,10 +2,11 @@
 
 import hashlib
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from sumo_hmdp.decision.registry import planner_kind
+from sumo_hmdp.decision.registry import planner_kind, planner_package
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.study.store import SCHEMA_VERSION
 
@@ -13,6 +14,8 @@ from sumo_hmdp.study.store import SCHEMA_VERSION
 _NOT_RUN = ("description", "published", "planner", "planners")
 # Sections that came later: where there is none, a cell keeps the name that it had before.
 _LATER = ("matched_traffic",)
+# What a world with `noise` takes from the section of `hmdp_mpc`.
+_MODEL = ("period_s", "accel_mps2")
 
 
 def content_of(run: ReadyRun) -> dict[str, Any]:
@@ -22,16 +25,22 @@ def content_of(run: ReadyRun) -> dict[str, Any]:
         for key, value in run.configuration.items()
         if key not in _NOT_RUN and not (key in _LATER and value is None)
     }
+    if run.configuration.get("noise"):
+        # Whoever drives, the surrounding vehicles are drawn from the model.
+        scenario["model"] = {key: run.configuration["planners"]["hmdp_mpc"].get(key) for key in _MODEL}
     # Networks may have the same name in different folders.
     scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
     version = planner_kind(run.planner_name, "planner").version
-    return {
+    content = {
         "schema_version": SCHEMA_VERSION,
         "scenario": scenario,
         "planner": run.planner_name if version == 1 else f"{run.planner_name} {version}",
         "parameters": dict(run.parameters),
         "solver": run.solver,
     }
+    # A changed planner is another planner; this package's own code is among a run's versions instead.
+    package = planner_package(run.planner_name)
+    return content if package is None else content | {"planner_package": asdict(package)}
 
 
 def cell_id_of(run: ReadyRun) -> str:

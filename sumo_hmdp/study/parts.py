@@ -1,4 +1,4 @@
-"""The store of a study: Parquet folders partitioned by cell, which are readable at every instant.
+"""Writing the store of a study: Parquet folders partitioned by cell, which are readable at every instant.
 
 Some runs of one cell are one file of the same name in each table, which takes more runs in until it is large enough.
 The one in `runs` is replaced last and vouches for the others: rows of runs that it does not have do not count, and are
@@ -7,43 +7,41 @@ taken away when the study goes on.
 
 import fcntl
 import hashlib
-import json
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import pyarrow as pa
-from pyarrow import parquet
 
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.study.design import Cell
+from sumo_hmdp.study.files import FULL, unreadable, write_sealed, write_text
 from sumo_hmdp.study.record import DECISION_COLUMNS, RUN_COLUMNS, STEP_COLUMNS, timeless
 from sumo_hmdp.study.run import run_manifest
 from sumo_hmdp.study.store import (
-    RUN_COUNT,
     TABLES,
     cell_of,
-    read_table,
-    read_vouched,
-    run_count,
+    cell_path,
+    read_cell,
     run_files,
     traceback_path,
-    whole,
     writable_folder,
-    write_text,
 )
+from sumo_hmdp.study.tables import read_table, write_parquet
+from sumo_hmdp.study.versions import Versions, write_versions
 
 COLUMNS = {
     "steps": STEP_COLUMNS,
     "decisions": DECISION_COLUMNS,
-    "runs": RUN_COLUMNS | {"tables_hash": "str", "factors_json": "str"},
+    "runs": RUN_COLUMNS | {"tables_hash": "str", "trace": "str"},
 }  # in the order of writing
 # A file takes more runs in below both: few files to open, and little to write again for each batch.
 RUNS_PER_FILE, BYTES_PER_FILE = 200, 8_000_000
+# What says where and in how much detail a run was done, but not what came of it.
+_NOT_HASHED = ("versions_hash", "trace")
 
 
 @dataclass(frozen=True)
@@ -56,6 +54,7 @@ class RunTables:
         steps: its rows of `steps`; None for none.
         decisions: its rows of `decisions`; None for none.
         traceback: why it failed, empty if it did not.
+        versions: what it was made with; empty where that is not known.
     """
 
     cell_id: str
@@ -63,24 +62,7 @@ class RunTables:
     steps: pd.DataFrame | None = None
     decisions: pd.DataFrame | None = None
     traceback: str = ""
-
-
-@dataclass(frozen=True)
-class Finished:
-    """What a store holds already.
-
-    Attributes:
-        rows: the rows of `runs` with their cells.
-        damaged: what was found broken and put aside, for people.
-    """
-
-    rows: pd.DataFrame
-    damaged: tuple[str, ...]
-
-    @property
-    def run_ids(self) -> frozenset[str]:
-        """The names of the finished runs."""
-        return frozenset(self.rows["run_id"])
+    versions: Versions = field(default_factory=dict)
 
 
 @contextmanager
@@ -93,44 +75,25 @@ def opened(folder: Path) -> Iterator[Path]:
     writable_folder(folder)
     if any(cell_of(file) is None for file in run_files(folder)):
         raise InputError([f"--out: {folder} must be empty or a study's, got one with single runs. Choose another"])
-    with (folder / ".lock").open("w", encoding="utf-8") as lock:
+    path = folder / ".lock"
+    try:
+        lock = path.open("a", encoding="utf-8")
+    except IsADirectoryError:
+        raise InputError(
+            [f"--out: {path} must be a file, got a directory. Remove it, or choose another --out"]
+        ) from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    with lock:
         try:
             # The system lets go of it however the process ends.
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        except BlockingIOError:
             raise InputError([f"--out: {folder} must not be in use by another study; wait for it to end"]) from None
+        except OSError as error:
+            message = f"--out: {folder} must be on a disk with locks, got: {error.strerror}. Choose another"
+            raise InputError([message]) from None
         yield folder
-
-
-def sweep(folder: Path) -> Finished:
-    """Read what is finished; put damaged files aside and take away what no row of `runs` vouches for.
-
-    Of `decisions` and `steps` only the footers are read, so that a large study goes on at once. Damage inside of them
-    is found by whoever reads them.
-    """
-    damaged, rows = [], []
-    for file in run_files(folder):
-        try:
-            runs = read_table(folder / "runs" / file)
-            for table in ("steps", "decisions"):
-                if run_count(folder / table / file) not in {None, len(runs)}:
-                    _write_part(folder / table / file, read_vouched(folder, table, file), len(runs))
-        except InputError as error:
-            damaged.append(f"{error.lines()[0].split('. Delete')[0]}; put aside as .damaged, its runs are run again")
-            for table in reversed(COLUMNS):
-                path = folder / table / file
-                if path.is_file():
-                    path.replace(path.with_name(f".{path.name}.damaged"))
-        else:
-            rows.append(runs.assign(cell=cell_of(file)))
-    vouched = {str(file) for file in run_files(folder)}
-    for table in TABLES:
-        for path in (folder / table).glob("cell=*/*"):
-            unfinished = path.suffix == ".parquet" and str(path.relative_to(folder / table)) not in vouched
-            if unfinished or path.suffix == ".partial":
-                path.unlink()
-    empty = pd.DataFrame(columns=list(COLUMNS["runs"])).astype(COLUMNS["runs"]).assign(cell="")
-    return Finished(pd.concat(rows, ignore_index=True) if rows else empty, tuple(damaged))
 
 
 class Writer:
@@ -147,23 +110,19 @@ class Writer:
         self._waiting: dict[str, list[RunTables]] = defaultdict(list)
         self._growing: dict[str, Path] = {}
 
-    def describe_cells(self) -> list[str]:
-        """Write what each cell is; return in which cells the versions of the software are not those of before."""
-        changed = []
+    def describe_cells(self) -> None:
+        """Write what each cell is, where the store does not say so already."""
         for cell in self._cells.values():
-            path = self._folder / "cells" / f"{cell.id}.json"
+            path = cell_path(self._folder, cell.id)
             content = run_manifest(cell.ready) | {"cell": cell.id, "factors": cell.factors, "document": cell.document}
-            if path.is_file():
-                before = json.loads(path.read_text(encoding="utf-8"))
-                if before["versions"] != content["versions"]:
-                    changed.append(cell.id)
-                    # What the finished runs were made with stays on record.
-                    content["versions_before"] = [*before.get("versions_before", []), before["versions"]]
-                else:
+            if path.exists():
+                before = read_cell(self._folder, cell.id)
+                # With which versions it was begun stays on record; each run has its own.
+                content["versions"] = before["versions"]
+                if before["factors"] == dict(cell.factors):
                     continue
             with disk():
-                write_text(path, json.dumps(content, indent=1, default=str) + "\n")
-        return changed
+                write_sealed(path, content)
 
     def add(self, tables: RunTables) -> None:
         """Take a run; it is written with the next batch."""
@@ -191,8 +150,9 @@ class Writer:
         for run in runs:
             if run.traceback:
                 write_text(traceback_path(self._folder, run.row["run_id"]), run.traceback)
-        factors = json.dumps(dict(self._cells[cell_id].factors), sort_keys=True)
-        rows = [{**run.row, "factors_json": factors} for run in runs]
+        for versions in {id(run.versions): run.versions for run in runs if run.versions}.values():
+            write_versions(self._folder, versions)
+        rows = [dict(run.row) for run in runs]
         frames = {
             "steps": _joined([run.steps for run in runs], "steps"),
             "decisions": _joined([run.decisions for run in runs], "decisions"),
@@ -200,24 +160,53 @@ class Writer:
         }
         file, count = self._growing.get(cell_id), len(runs)
         if file is None:
-            names = "\n".join(run.row["run_id"] for run in runs)
-            file = Path(f"cell={cell_id}", f"{hashlib.sha256(names.encode()).hexdigest()[:16]}.parquet")
+            file = self._free_name(cell_id, "\n".join(run.row["run_id"] for run in runs))
         elif (self._folder / "runs" / file).is_file():
-            before = {table: read_vouched(self._folder, table, file) for table in COLUMNS}
+            before = self._vouched(file)
             frames = {table: _joined([before[table], frame], table) for table, frame in frames.items()}
             count += len(before["runs"])
         self._growing[cell_id] = file
         for table in COLUMNS:
-            _write_part(self._folder / table / file, frames[table], count)
+            write_parquet(self._folder / table / file, frames[table], count)
         if count >= RUNS_PER_FILE or sum((self._folder / t / file).stat().st_size for t in TABLES) >= BYTES_PER_FILE:
             del self._growing[cell_id]
 
+    def _free_name(self, cell_id: str, names: str) -> Path:
+        """Return a name that no table has: a file of these first runs may be there, with others that it took in."""
+        while True:
+            names += "\n"
+            file = Path(f"cell={cell_id}", f"{hashlib.sha256(names.encode()).hexdigest()[:16]}.parquet")
+            if not any((self._folder / table / file).exists() for table in TABLES):
+                return file
 
-def _write_part(path: Path, frame: pd.DataFrame, run_count: int) -> None:
-    table = pa.Table.from_pandas(frame, preserve_index=False)
-    table = table.replace_schema_metadata({**table.schema.metadata, RUN_COUNT: str(run_count).encode()})
-    with whole(path) as partial:
-        parquet.write_table(table, partial, write_page_checksum=True)
+    def _vouched(self, file: Path) -> dict[str, pd.DataFrame]:
+        """Return the rows of a file that this writer began; what a full disk left behind its row in `runs` is not."""
+        frames = {table: read_table(self._folder / table / file) for table in COLUMNS}
+        kept = frames["runs"]["run_id"]
+        return {table: frame[frame["run_id"].isin(kept)] for table, frame in frames.items()}
+
+
+def drop_runs(folder: Path, run_ids: Collection[str]) -> None:
+    """Take runs out of a store, so that they are done again. Their rows in `runs`, which vouch for the rest, go first.
+
+    Raises:
+        SumoHmdpError: if the disk takes no more; then they count as finished still, or are gone.
+    """
+    with disk():
+        for file in run_files(folder):
+            runs = read_table(folder / "runs" / file)
+            kept = runs[~runs["run_id"].isin(run_ids)]
+            if len(kept) == len(runs):
+                continue
+            for table in reversed(COLUMNS):
+                path = folder / table / file
+                if kept.empty:
+                    path.unlink(missing_ok=True)
+                    continue
+                frame = kept if table == "runs" else read_table(path)
+                write_parquet(path, frame[frame["run_id"].isin(kept["run_id"])], len(kept))
+            for name in set(runs["run_id"]) - set(kept["run_id"]):
+                traceback_path(folder, name).unlink(missing_ok=True)
 
 
 def _joined(frames: list[pd.DataFrame | None], table: str) -> pd.DataFrame:
@@ -229,11 +218,12 @@ def _joined(frames: list[pd.DataFrame | None], table: str) -> pd.DataFrame:
 
 @contextmanager
 def disk() -> Iterator[None]:
-    """Turn a disk that takes no more into an error that says what to do."""
+    """Turn what the disk refuses into an error that says what to do."""
     try:
         yield
     except OSError as error:
-        message = f"the results cannot be written: {error}. What was written is whole; make room and start again"
+        remedy = "make room" if error.errno in FULL else "correct that"
+        message = f"the results cannot be written: {error}. What was written is whole; {remedy} and start again"
         raise SumoHmdpError(message) from error
 
 
@@ -248,7 +238,7 @@ def study_hash(folder: Path, run_ids: frozenset[str]) -> str:
     """
     lines = []
     for file in run_files(folder):
-        frame = timeless(read_table(folder / "runs" / file))
+        frame = timeless(read_table(folder / "runs" / file)).drop(columns=list(_NOT_HASHED), errors="ignore")
         numbers = pd.util.hash_pandas_object(frame, index=False)
         lines += [f"{run_id} {n}" for run_id, n in zip(frame["run_id"], numbers, strict=True) if run_id in run_ids]
     return hashlib.sha256("\n".join(sorted(lines)).encode()).hexdigest()

@@ -43,6 +43,7 @@ RUN_COLUMNS = {
     "background_contact_count": "Int64", "red_light_count": "Int64", "junction_stop_count": "Int64",
     "goal_reached": "boolean", "tracking_failure_count": "Int64", "deadline_miss_count": "Int64",
     "reproducible": "boolean", "wall_time_s": "float64", "trace_hash": "str",
+    "versions_hash": "str",
 }  # fmt: skip
 # Every metric is a column; those above keep their places.
 RUN_COLUMNS |= {

@@ -5,15 +5,12 @@ import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from sumo_hmdp.decision.decide import SolversDisagreeError
-from sumo_hmdp.decision.highs import solver_version
 from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
@@ -22,7 +19,8 @@ from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
-from sumo_hmdp.sim.sumo import sumo_version
+from sumo_hmdp.study.files import error_number, write_text
+from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
 from sumo_hmdp.study.store import (
     SCHEMA_VERSION,
@@ -32,8 +30,8 @@ from sumo_hmdp.study.store import (
     traceback_path,
     write_manifest,
     write_table,
-    write_text,
 )
+from sumo_hmdp.study.versions import versions_hash
 
 
 @dataclass(frozen=True)
@@ -51,6 +49,7 @@ class RunRecord:
         manifest: configuration, versions and trace hash.
         traceback: of a failed run, empty otherwise.
         disputed: the problem, in its file form, on which two solvers disagreed; None without such a dispute.
+        error_number: of the system, where it refused something and so broke the run; None otherwise.
     """
 
     run_id: str
@@ -63,6 +62,7 @@ class RunRecord:
     manifest: dict[str, Any]
     traceback: str = ""
     disputed: str | None = None
+    error_number: int | None = None
 
 
 def run_id_of(run: ReadyRun) -> str:
@@ -98,6 +98,7 @@ def execute(
     started = datetime.now(tz=UTC)
     status, reason, trace = RunStatus.COMPLETED, "", ""
     disputed: str | None = None
+    number: int | None = None
 
     def observe(moment: Moment) -> None:
         recorder.observe(moment)
@@ -114,12 +115,13 @@ def execute(
             raise
         text = " ".join(f"{type(error).__name__}: {error}".split())
         status, reason, trace = RunStatus.FAILED, text, traceback.format_exc()
+        number = error_number(error)
         if isinstance(error, SolversDisagreeError):
             disputed = json.dumps(problem_document(error.problem))
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contact_sentences())
     record = _record(run, recorder, status, reason, trace, started)
-    return replace(record, disputed=disputed)
+    return replace(record, disputed=disputed, error_number=number)
 
 
 def _record(
@@ -129,7 +131,7 @@ def _record(
     finished = datetime.now(tz=UTC)
     # Where there is traffic around, SUMO does not look for contacts.
     disagreements = recorder.disagreements() if run.world.background is None else None
-    facts = run_manifest(run)
+    manifest = run_manifest(run)
     row = {
         **run_facts(run, recorder.run_id, status, reason),
         **run_metrics(
@@ -154,9 +156,9 @@ def _record(
         "deadline_miss_count": int((decisions["solve_time_ms"] > 1000 * run.planner.period).sum()),
         "wall_time_s": (finished - started).total_seconds(),
         "trace_hash": recorder.trace.hexdigest(),
+        "versions_hash": versions_hash(manifest["versions"]),
     }
-    manifest = {
-        **facts,
+    manifest |= {
         "run_id": recorder.run_id,
         "seed": run.seed,
         "status": str(status),
@@ -208,26 +210,10 @@ def run_manifest(run: ReadyRun) -> dict[str, Any]:
         "risk_level": run.parameters.get("risk_level"),
         "safe_distance_m": run.parameters.get("safe_distance_m"),
         "lanes": {"count": run.episode.road.lane_count, "width_m": run.episode.road.lane_width},
-        "versions": versions(),
+        "versions": versions(run.planner_name),
         "parameters": dict(run.parameters),
         "configuration": dict(run.configuration),
         "network_notes": list(run.notes),
-    }
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of everything that can change a result."""
-    return dict(_versions())
-
-
-@cache
-def _versions() -> dict[str, str]:
-    packages = ("pyomo", "numpy", "scipy", "piqp")
-    return {
-        "sumo_hmdp": version("sumo-hmdp"),
-        "sumo": sumo_version(),
-        "highs": solver_version(),
-        **{package: version(package) for package in packages},
     }
 
 

@@ -3,18 +3,22 @@
 import json
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
 
+from sumo_hmdp.decision.registry import planner_package
 from sumo_hmdp.errors import SumoHmdpError
+from sumo_hmdp.study.asked import Asked, write_asked
 from sumo_hmdp.study.design import Cell, Design
+from sumo_hmdp.study.files import FULL
 from sumo_hmdp.study.ledger import Ledger
-from sumo_hmdp.study.parts import Finished, RunTables, Writer, study_hash
+from sumo_hmdp.study.parts import RunTables, Writer, disk, study_hash
 from sumo_hmdp.study.pool import Pool
 from sumo_hmdp.study.record import RunStatus, Trace
+from sumo_hmdp.study.recovery import Finished
 from sumo_hmdp.study.run import run_facts
 from sumo_hmdp.study.stopping import is_enough
 from sumo_hmdp.study.worker import Job, Outcome
@@ -32,8 +36,20 @@ def job_of(design: Design, cell: Cell, seed: int) -> Job:
     run, file = cell.ready, design.file
     return Job(
         cell.run_id(seed), cell.id, cell.document, run.planner_name, run.solver,
-        run.parameters.get("risk_level"), seed, Trace(file.trace), file.wall_limit_s,
+        run.parameters.get("risk_level"), seed, Trace(file.trace), file.wall_limit_s, _package(run.planner_name),
     )  # fmt: skip
+
+
+def _package(planner: str) -> str | None:
+    package = planner_package(planner)
+    return None if package is None else str(package)
+
+
+def asked_of(design: Design, seeds: Iterable[int]) -> Asked:
+    """Return what a study asks for, of the seeds that are known to be needed."""
+    file = design.file
+    labels = {cell.id: cell.factors for cell in design.cells}
+    return Asked(file.name, " ".join(file.description.split()), file.trace, labels, frozenset(seeds))
 
 
 def in_order(cells: Sequence[Cell], seeds: Sequence[int]) -> Iterator[tuple[Cell, int]]:
@@ -105,7 +121,9 @@ class Study:
         self._rows = {str(row["run_id"]): row for row in rows}
         self._writer = Writer(self.folder, self.design.cells)
         self._ledger = Ledger(self.folder)
+        asked: list[int] = []
         for stage, seeds in enumerate(self.design.stages):
+            asked += seeds
             planned = {cell.run_id(seed) for cell in self.design.cells for seed in seeds}
             self._planned |= planned
             self._counts.update(str(self._rows[run_id]["status"]) for run_id in planned & self._rows.keys())
@@ -113,10 +131,14 @@ class Study:
             jobs = [(cell, seed) for cell, seed in order if cell.run_id(seed) not in self._rows]
             allowed = len(jobs) if self.limit is None else self.limit - self._new
             self._report()
+            enough = not jobs and self._is_enough(stage)
+            if jobs or enough or stage == len(self.design.stages) - 1:
+                with disk():
+                    write_asked(self.folder, asked_of(self.design, asked))
             self._do(deque(jobs[:allowed]))
             if allowed < len(jobs):
                 return False
-            if self._is_enough(stage):
+            if enough or (jobs and self._is_enough(stage)):
                 break
         return True
 
@@ -151,7 +173,7 @@ class Study:
     def _settle(self, cell: Cell, seed: int, outcome: Outcome) -> bool:
         """Keep what came of a run; tell whether it is finished, or to be tried once more."""
         if outcome.status not in ENDED_WELL:
-            if "[Errno 28]" in outcome.reason:
+            if outcome.error_number in FULL:
                 # Not the run's fault, and the next ones would fail the same way.
                 raise SumoHmdpError(f"{outcome.run_id}: {outcome.reason}. Make room and start again; it goes on there")
             self._ledger.note(outcome)
@@ -162,7 +184,7 @@ class Study:
             "seed": seed,
             "wall_time_s": outcome.wall_time,
         }
-        self._writer.add(RunTables(cell.id, row, outcome.steps, outcome.decisions, outcome.traceback))
+        self._writer.add(RunTables(cell.id, row, outcome.steps, outcome.decisions, outcome.traceback, outcome.versions))
         self._rows[run_id] = {**row, "cell": cell.id}
         self._counts[str(outcome.status)] += 1
         self._new += 1

@@ -1,24 +1,27 @@
-"""Tables on disk: Parquet files, each written whole or not at all, and reading them back."""
+"""Results on disk: where everything stands, and reading it back."""
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from pyarrow import parquet
-from pyarrow.lib import ArrowException
 
-from sumo_hmdp.documents import read_json
 from sumo_hmdp.errors import InputError
+from sumo_hmdp.study.asked import Asked, read_asked
+from sumo_hmdp.study.files import DamagedFileError, names_in, read_sealed, whole, write_text
+from sumo_hmdp.study.tables import TABLE_REMEDY, checked_names, read_table, read_with_count, write_parquet
+from sumo_hmdp.study.versions import mixture, read_versions
+
+__all__ = ["Results", "load", "read_table", "whole", "write_text"]
 
 SCHEMA_VERSION = 1
 TABLES = ("runs", "decisions", "steps")
-# In the footer of a study's file: of how many runs it has rows.
-RUN_COUNT = b"sumo_hmdp.run_count"
+# What is read of a cell's description; the rest is for people.
+CELL_KEYS = {"cell": str, "scenario": str, "planner": str, "solver": str, "factors": dict, "document": dict,
+             "configuration": dict, "parameters": dict, "versions": dict}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,14 @@ class Results:
         decisions: one row a decision.
         steps: one row per vehicle and instant.
         manifests: by run id, configuration, versions and trace hash.
+        notes: what a reader must know: what was left out, and whether versions differ.
     """
 
     runs: pd.DataFrame
     decisions: pd.DataFrame
     steps: pd.DataFrame
     manifests: Mapping[str, Mapping[str, Any]]
+    notes: tuple[str, ...] = ()
 
 
 def writable_folder(path: Path) -> Path:
@@ -97,34 +102,14 @@ def manifest_path(folder: Path, run_id: str) -> Path:
     return folder / "manifests" / f"{run_id}.json"
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    with whole(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+def cell_path(folder: Path, cell: str) -> Path:
+    """Return where a study's store says what a cell is."""
+    return folder / "cells" / f"{cell}.json"
 
 
 def write_table(folder: Path, table: str, run_id: str, frame: pd.DataFrame) -> None:
     """Write one table of one run whole or not at all."""
-    with whole(table_path(folder, table, run_id)) as partial:
-        frame.to_parquet(partial, index=False)
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Give a name to write a file under, which gets its real name when it is complete and on the disk."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # The dot and the ending keep readers of whole folders away from it.
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        yield partial
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError:
-        # On a full disk what was written is worth nothing and in the way.
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        raise
+    write_parquet(table_path(folder, table, run_id), frame)
 
 
 def write_manifest(folder: Path, run_id: str, manifest: Mapping[str, Any]) -> None:
@@ -132,78 +117,49 @@ def write_manifest(folder: Path, run_id: str, manifest: Mapping[str, Any]) -> No
     write_text(manifest_path(folder, run_id), json.dumps(manifest, indent=1, default=str) + "\n")
 
 
-def read_table(file: Path) -> pd.DataFrame:
-    """Read one file of a table.
+def read_manifest(folder: Path, run_id: str) -> dict[str, Any]:
+    """Read the manifest of one run.
 
     Raises:
-        InputError: if it is damaged, with the remedy.
+        DamagedFileError: if it is no JSON object.
+        InputError: if the system does not give it out.
     """
-    try:
-        frame: pd.DataFrame = parquet.ParquetFile(file, page_checksum_verification=True).read().to_pandas()
-    except (OSError, ArrowException) as error:
-        raise _broken(file, error) from None
-    return frame
+    return read_sealed(manifest_path(folder, run_id), {}, sealed=False)
 
 
-def _broken(file: Path, error: Exception) -> InputError:
-    remedy = "Delete it and start the run, or the study, again: its runs, and no others, are run again"
-    return InputError([f"must be a whole Parquet file: {str(error).rstrip('.')}. {remedy}"], str(file))
+def json_names(folder: Path) -> list[str]:
+    """Return the JSON files in a folder, without those that were set aside."""
+    return [name for name in names_in(folder) if name.endswith(".json") and not name.startswith(".")]
 
 
-def run_count(file: Path) -> int | None:
-    """Return of how many runs a file of a study holds rows, from its footer alone; None where it does not say.
+def read_cell(folder: Path, cell: str) -> dict[str, Any]:
+    """Read what a cell of a study is.
 
     Raises:
-        InputError: if the file has no sound footer, such as one that was cut short.
+        DamagedFileError: if the file is not what was written.
+        InputError: if the system does not give it out.
     """
-    try:
-        metadata = parquet.read_schema(file).metadata or {}
-    except (OSError, ArrowException) as error:
-        raise _broken(file, error) from None
-    return int(metadata[RUN_COUNT]) if RUN_COUNT in metadata else None
-
-
-def read_vouched(folder: Path, table: str, file: Path) -> pd.DataFrame:
-    """Read one file of a table without rows of runs that its file in `runs` does not have.
-
-    Such rows are there for an instant while a file takes more runs in, and stay if the process is killed in it.
-
-    Raises:
-        InputError: if a file is damaged, with the remedy.
-    """
-    frame = read_table(folder / table / file)
-    if table == "runs" or run_count(folder / table / file) == run_count(folder / "runs" / file):
-        return frame
-    return frame[frame["run_id"].isin(read_table(folder / "runs" / file)["run_id"])]
-
-
-def load(folder: str | Path) -> Results:
-    """Read a results directory, of single runs or of a study.
-
-    What stands there of a run without a row in `runs`, one that was killed, is left out.
-
-    Args:
-        folder: as given to `--out`.
-
-    Returns:
-        The tables `runs`, `decisions` and `steps` of all its runs as pandas frames, and the manifests. The runs of a
-        study have their cell and a column for each factor.
-
-    Raises:
-        InputError: if there are no results, or if a file is damaged.
-    """
-    folder = Path(folder)
-    if not (folder / "runs").is_dir():
-        raise InputError([f"{folder} must be a results directory (with a folder `runs`); give the one named by --out"])
-    frames = {table: _joined(folder, table) for table in TABLES}
-    frames["runs"] = _with_factors(frames["runs"])
-    return Results(frames["runs"], frames["decisions"], frames["steps"], _manifests(folder, frames["runs"]))
+    content = read_sealed(cell_path(folder, cell), CELL_KEYS, sealed=False)
+    if content["cell"] != cell:
+        raise DamagedFileError(cell_path(folder, cell), f"must be of the cell {cell!r}, got {content['cell']!r}")
+    return content
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Return the files of the table `runs`, below it: of single runs, and of a study's cells."""
-    runs = folder / "runs"
-    return [file.relative_to(runs) for file in sorted([*runs.glob("*.parquet"), *runs.glob("cell=*/*.parquet")])]
+    """Return the files of the table `runs`, below it: of single runs, and of a study's cells.
+
+    Raises:
+        InputError: if the system does not say what a folder holds.
+    """
+    names = names_in(folder / "runs")
+    single = [Path(name) for name in names if name.endswith(".parquet") and not name.startswith(".")]
+    return single + [
+        Path(cell, name)
+        for cell in names
+        if cell.startswith("cell=")
+        for name in names_in(folder / "runs" / cell)
+        if name.endswith(".parquet") and not name.startswith(".")
+    ]
 
 
 def cell_of(file: Path) -> str | None:
@@ -211,46 +167,139 @@ def cell_of(file: Path) -> str | None:
     return file.parent.name.removeprefix("cell=") or None
 
 
-def _joined(folder: Path, table: str) -> pd.DataFrame:
-    parts = []
+def read_runs(folder: Path) -> Iterator[tuple[Path, pd.DataFrame]]:
+    """Yield every file of `runs` with its rows, whose names are checked and which have their `cell`.
+
+    Raises:
+        DamagedFileError: if a file is not what was written, or has runs that another one has.
+        InputError: if the system does not give it out.
+    """
+    known: dict[str, Path] = {}
     for file in run_files(folder):
-        path = folder / table / file
-        if path.is_file():
-            part = read_vouched(folder, table, file)
-            cell = cell_of(file)
-            parts.append(part if cell is None else part.assign(cell=cell))
+        path, cell = folder / "runs" / file, cell_of(file)
+        rows = checked_names(read_table(path), path, cell)
+        twice = next((name for name in rows["run_id"] if name in known), None)
+        if twice is not None:
+            raise DamagedFileError(
+                path, f"must hold runs of its own, got {twice}, which {known[twice]} has", TABLE_REMEDY
+            )
+        known |= dict.fromkeys(rows["run_id"], file)
+        yield file, rows if cell is None else rows.assign(cell=cell)
+
+
+def load(folder: str | Path, *, everything: bool = False) -> Results:
+    """Read a results directory, of single runs or of a study.
+
+    Of a study the runs that its study file asks for at present, with its labels; `notes` says in one line what else is
+    there. What stands there of a run without a row in `runs`, one that was killed, is left out.
+
+    Args:
+        folder: as given to `--out`.
+        everything: return what a study no longer asks for as well, under the labels that it had.
+
+    Returns:
+        The tables `runs`, `decisions` and `steps` of all its runs as pandas frames, and the manifests. The runs of a
+        study have their cell and a column for each factor.
+
+    Raises:
+        DamagedFileError: if a file is not what was written.
+        InputError: if there are no results, or the system does not give them out.
+    """
+    folder = Path(folder)
+    if "runs" not in names_in(folder):
+        raise InputError([f"{folder} must be a results directory (with a folder `runs`); give the one named by --out"])
+    asked = read_asked(folder)
+    found = list(read_runs(folder))
+    runs = _together([rows for _, rows in found])
+    notes: tuple[str, ...] = ()
+    kept = dict(found)
+    if asked is not None and not everything and len(runs):
+        notes = asked.left_out(runs)
+        kept = {file: rows[asked.holds(rows)] for file, rows in found}
+        runs = _together(list(kept.values()))
+    tables = [
+        _together([_rows(folder, table, file, kept[file], len(rows)) for file, rows in found if len(kept[file])])
+        for table in ("decisions", "steps")
+    ]
+    cells = _cells(folder, runs, asked)
+    runs = _with_factors(runs, cells)
+    manifests = _manifests(folder, runs, cells)
+    return Results(runs, tables[0], tables[1], manifests, (*notes, *_mixed(runs, manifests)))
+
+
+def _rows(folder: Path, table: str, file: Path, runs: pd.DataFrame, run_count: int) -> pd.DataFrame:
+    """Return the rows of some runs of a file, without those of runs that its file in `runs` does not have.
+
+    Such rows are there for an instant while a file takes more runs in, and stay if the process is killed in it.
+    """
+    path, cell = folder / table / file, cell_of(file)
+    if cell is None and not path.exists():
+        return pd.DataFrame()
+    frame, count = read_with_count(path)
+    if cell is not None and not (count == run_count == len(runs)):
+        frame = frame[frame["run_id"].isin(runs["run_id"])]
+    return frame if cell is None else frame.assign(cell=cell)
+
+
+def _together(parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
     # Empty parts would change the columns' types.
-    filled = [part for part in parts if len(part)] or parts[:1]
+    filled = [part for part in parts if len(part)] or list(parts[:1])
     return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame()
 
 
-def _with_factors(runs: pd.DataFrame) -> pd.DataFrame:
+def _cells(folder: Path, runs: pd.DataFrame, asked: Asked | None) -> dict[str, dict[str, Any]]:
+    """Return what the cells of runs are, with the labels that the study file gives them at present."""
+    cells: dict[str, dict[str, Any]] = {}
+    for cell in dict.fromkeys(runs["cell"]) if "cell" in runs else ():
+        content = read_cell(folder, cell) if cell_path(folder, cell).exists() else {}
+        labels = asked.cells.get(cell) if asked is not None else None
+        cells[cell] = content if labels is None else content | {"factors": dict(labels)}
+    return cells
+
+
+def _with_factors(runs: pd.DataFrame, cells: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """Add a column for each factor; one that has a measured column's name, such as `duration_s`, as `factors.NAME`."""
-    if "factors_json" not in runs:
+    if "cell" not in runs:
         return runs
-    factors = [json.loads(text) if isinstance(text, str) else {} for text in runs["factors_json"]]
+    runs = runs.drop(columns="factors_json", errors="ignore")
+    labels = {cell: content.get("factors", {}) for cell, content in cells.items()}
     names = dict.fromkeys(
-        name for values in factors for name in values if name not in {"planner", "solver", "risk_level"}
+        name for values in labels.values() for name in values if name not in {"planner", "solver", "risk_level"}
     )
-    columns = {
-        f"factors.{name}" if name in runs else name: [values.get(name) for values in factors] for name in names
-    }  # fmt: skip
+    of_run = runs["cell"].tolist()
+    texts = {cell: json.dumps(values, sort_keys=True) for cell, values in labels.items()}
+    columns: dict[str, list[Any]] = {"factors_json": [texts[cell] for cell in of_run]}
+    for name in names:
+        columns[f"factors.{name}" if name in runs else name] = [labels[cell].get(name) for cell in of_run]
     return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1)
 
 
-def _manifests(folder: Path, runs: pd.DataFrame) -> dict[str, Mapping[str, Any]]:
-    cells = {file.stem: _read_json(file) for file in (folder / "cells").glob("*.json")}
+def _manifests(
+    folder: Path, runs: pd.DataFrame, cells: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Mapping[str, Any]]:
     manifests: dict[str, Mapping[str, Any]] = {}
+    versions: dict[object, dict[str, Any]] = {}
     for row in runs.to_dict("records"):
-        run_id = row["run_id"]
-        if row.get("cell") in cells:
+        run_id = str(row["run_id"])
+        content = cells.get(str(row.get("cell")))
+        if content:
+            name = row.get("versions_hash")
+            if name not in versions:
+                versions[name] = read_versions(folder, name)
+            own = {"versions": versions[name]} if versions[name] else {}
             of_run = {key: row[key] for key in ("run_id", "seed", "status", "reason", "trace_hash")}
-            manifests[run_id] = cells[row["cell"]] | of_run
-        elif manifest_path(folder, run_id).is_file():
-            manifests[run_id] = _read_json(manifest_path(folder, run_id))
+            manifests[run_id] = {**content, **own, **of_run}
+        elif "cell" not in row and manifest_path(folder, run_id).exists():
+            manifests[run_id] = read_manifest(folder, run_id)
     return manifests
 
 
-def _read_json(file: Path) -> dict[str, Any]:
-    content: dict[str, Any] = read_json(file).content
-    return content
+def _mixed(runs: pd.DataFrame, manifests: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return one line if runs were made with different versions."""
+    if "versions_hash" not in runs:
+        return ()
+    counts = runs.groupby("versions_hash")["run_id"].agg(["first", "size"])
+    names = zip(counts["first"], counts["size"], strict=True)
+    of_runs = [(manifests.get(str(first), {}).get("versions", {}), int(size)) for first, size in names]
+    told = mixture(of_runs)
+    return (f"made with different versions: {told}",) if told else ()

@@ -10,15 +10,19 @@ import sys
 import threading
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from sumo_hmdp.decision.registry import planner_package
 from sumo_hmdp.documents import Document
+from sumo_hmdp.errors import InputError
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario
+from sumo_hmdp.study.files import error_number
+from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RunStatus, Trace, tables_hash
 from sumo_hmdp.study.run import execute, kept_steps
 
@@ -37,6 +41,7 @@ class Job:
         seed: of everything random.
         trace: which vehicles' steps are wanted.
         wall_limit: after this time the run is given up [s].
+        planner_package: the package of the planner in words, None for a planner of this one.
     """
 
     run_id: str
@@ -48,13 +53,18 @@ class Job:
     seed: int
     trace: Trace
     wall_limit: float
+    planner_package: str | None = None
 
     def ready(self) -> ReadyRun:
         """Assemble the run.
 
         Raises:
-            InputError: if this is not possible here, such as without the planner's package.
+            InputError: if this is not possible here, such as without the planner's package, or with another one.
         """
+        package = planner_package(self.planner)
+        if self.planner_package is not None and str(package) != self.planner_package:
+            message = f"planner {self.planner}: must be of {self.planner_package}, got {package}"
+            raise InputError([f"{message}. Start the study again where all have the same"])
         options = RunOptions(self.planner, self.solver, self.seed, self.risk_level)
         return assemble_scenario(Document(self.document), options, Path(self.cell_id))
 
@@ -72,6 +82,8 @@ class Outcome:
         decisions: all decisions.
         traceback: of what failed, empty otherwise.
         wall_time: from start to end [s].
+        error_number: of the system, where it refused something and so broke the run; None otherwise.
+        versions: what the run was made with, empty where the process is gone.
     """
 
     run_id: str
@@ -82,6 +94,8 @@ class Outcome:
     decisions: pd.DataFrame | None = None
     traceback: str = ""
     wall_time: float = 0.0
+    error_number: int | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_job(job: Job) -> Outcome:
@@ -90,13 +104,15 @@ def run_job(job: Job) -> Outcome:
         record = execute(job.ready(), run_id=job.run_id, detailed=job.trace is Trace.ALL)
     except Exception as error:  # noqa: BLE001 - a run that cannot start must not end the others
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        return Outcome(job.run_id, RunStatus.FAILED, text, traceback=traceback.format_exc())
+        number, text_lines = error_number(error), traceback.format_exc()
+        return Outcome(job.run_id, RunStatus.FAILED, text, traceback=text_lines, error_number=number)
     steps = kept_steps(record, job.trace)
     # Here, where it costs the one process that writes nothing.
-    row = record.row | {"tables_hash": tables_hash(record.decisions, steps)}
+    row = record.row | {"tables_hash": tables_hash(record.decisions, steps), "trace": str(job.trace)}
     return Outcome(
-        job.run_id, record.status, record.reason, row, steps, record.decisions, record.traceback, row["wall_time_s"]
-    )
+        job.run_id, record.status, record.reason, row, steps, record.decisions, record.traceback, row["wall_time_s"],
+        record.error_number, record.manifest["versions"],
+    )  # fmt: skip
 
 
 def serve(connection: Connection, scratch: Path) -> None:
@@ -115,9 +131,14 @@ def serve(connection: Connection, scratch: Path) -> None:
         # Nobody waits for what is being done; a planner that hangs would keep the process for ever. A parent that was
         # killed cannot take the folder for temporary files away.
         shutil.rmtree(scratch, ignore_errors=True)
+        if os.getpgrp() == os.getpid():
+            # With it go the processes that planners have started.
+            os.killpg(0, signal.SIGKILL)
         os._exit(0)
 
     threading.Thread(target=listen, daemon=True).start()
+    # Now, while the sources are those that were imported.
+    versions()
     # From here on the time of the first run counts.
     connection.send(None)
     while True:

@@ -13,7 +13,7 @@ from sumo_hmdp.validation import FileModel
 
 
 class FaultyFile(FileModel):
-    fault: Literal["none", "hang", "raise", "segfault", "kill_once"]
+    fault: Literal["none", "hang", "raise", "segfault", "kill_once", "words"]
     marker: str = ""
 
 
@@ -36,6 +36,8 @@ class Faulty:
                 time.sleep(600)
             if self.fault == "raise":
                 raise ZeroDivisionError("the planner broke")
+            if self.fault == "words":
+                raise RuntimeError("the table of errors says [Errno 28] No space left on device")
             if self.fault == "segfault":
                 os.kill(os.getpid(), signal.SIGSEGV)
             if self.fault == "kill_once" and not Path(self.marker).exists():

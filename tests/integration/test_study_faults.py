@@ -208,3 +208,31 @@ def test_a_full_disk_ends_the_study_with_one_line(call, write_study, small_disk,
     finished = call("study", study, "--out", out, "--workers", 1)
     assert finished.code == 0
     assert "4 runs: 4 completed" in finished.out
+
+
+def test_of_two_studies_in_one_folder_one_works_and_the_other_says_so(start, write_study, undisturbed, tmp_path):
+    out, study = tmp_path / "out", write_study(tmp_path, **LONG)
+    both = [start(study, "--out", out, "--workers", 1) for _ in range(2)]
+    ended = [(*process.communicate(timeout=300), process.returncode) for process in both]
+    (text, complaint, _), (nothing, refusal, _) = sorted(ended, key=lambda one: one[2])
+    assert sorted(code for *_, code in ended) == [0, 2]
+    assert (hash_in(text), complaint, nothing) == (undisturbed, "", "")
+    assert refusal == f"--out: {out} must not be in use by another study; wait for it to end\n"
+
+
+def test_a_planner_s_words_end_no_study(shell, write_study, faulty, tmp_path):
+    factors = {
+        "planner": ["faulty"], "duration_s": [0.6], "planners.faulty.fault": ["none", "words"],
+    }  # fmt: skip
+    study, out = write_study(tmp_path, factors=factors, seeds=[7]), tmp_path / "out"
+    finished = shell("study", study, "--out", out, "--workers", 1, env=faulty)
+    assert (finished.code, "2 runs: 1 completed, 1 failed" in finished.out) == (1, True)
+    # A planner of another package is part of what a cell is: changed, it makes new cells, and that is said.
+    module = tmp_path / "faulty_planners.py"
+    module.write_text(module.read_text() + "\n# changed\n")
+    again = shell("study", study, "--out", out, "--workers", 1, env=faulty)
+    assert "left out, for the study does not ask for them at present: 2 runs of 2 cells" in again.err
+    assert "the planner faulty has changed: faulty-planners 1.0 (source " in again.err
+    retried = shell("study", study, "--out", out, "--workers", 1, "--retry-failed", env=faulty)
+    assert "1 run that did not end well is done again" in retried.err
+    assert [entry["status"] for entry in ledger_of(out)].count("failed") == 6

@@ -1,6 +1,7 @@
 """The Dask pool without a cluster: what its threads do, and what is said when something is missing."""
 
 import sys
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.study import dask_pool
 from sumo_hmdp.study.dask_pool import DaskPool, do
+from sumo_hmdp.study.pool import PoolLostError
 from sumo_hmdp.study.record import RunStatus
 from sumo_hmdp.study.runner import job_of
 
@@ -76,3 +78,39 @@ def test_a_run_whose_dask_worker_is_lost_is_a_crash(tiny, monkeypatch):
     (lost,) = [outcome for outcome in found if outcome != "an outcome"]
     assert (lost.run_id, lost.status) == (tiny.cells[0].run_id(1), RunStatus.CRASHED)
     assert lost.reason == "the Dask worker was lost: four workers died"
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("in <TCP>: Stream is closed"), CancelledError("scheduler"), RuntimeError("x")]
+)
+def test_a_scheduler_that_goes_away_is_one_line(tiny, monkeypatch, error):
+    import distributed  # noqa: PLC0415 - an optional extra
+
+    @dataclass
+    class Gone(Client):
+        status: str = "running"
+
+    client = Gone()
+    monkeypatch.setattr(distributed, "Client", lambda address, timeout: client)
+    pool = DaskPool("tcp://a:1")
+    pool.submit(job_of(tiny, tiny.cells[0], 0))
+
+    def fail(*arguments, **options):
+        raise error
+
+    future = client.futures[0]
+    future.exception = fail
+    monkeypatch.setattr(distributed, "wait", lambda *a, **o: type("Done", (), {"done": {future}}))
+    with pytest.raises(PoolLostError, match=r"the Dask scheduler at tcp://a:1 does not answer any more"):
+        pool.collect(0.5)
+    client.nthreads = fail
+    with pytest.raises(PoolLostError):
+        _ = pool.free
+
+    def late(*arguments, **options):
+        raise TimeoutError
+
+    monkeypatch.setattr(distributed, "wait", late)
+    client.status = "connecting"
+    with pytest.raises(PoolLostError, match="the connection is connecting"):
+        pool.collect(0.5)

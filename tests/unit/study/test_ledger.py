@@ -1,12 +1,15 @@
 """The ledger, and what becomes of runs that do not end well, with a pool that answers as the test wants."""
 
+import errno
+
 import pytest
 
 import sumo_hmdp
 from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.study.ledger import Ledger, read_ledger
-from sumo_hmdp.study.parts import opened, sweep
+from sumo_hmdp.study.parts import opened
 from sumo_hmdp.study.record import RunStatus
+from sumo_hmdp.study.recovery import sweep
 from sumo_hmdp.study.run import run_facts
 from sumo_hmdp.study.runner import Study
 from sumo_hmdp.study.worker import Outcome
@@ -48,9 +51,10 @@ class Answers:
         answer = self.answers[f"seed{job.seed}"].pop(0)
         if isinstance(answer, BaseException):
             raise answer
-        status, reason = answer
+        status, reason, *number = answer
         row = run_facts(job.ready(), job.run_id, status, reason) if status is RunStatus.COMPLETED else None
-        return [Outcome(job.run_id, status, reason, row, traceback="Fatal" if row is None else "")]
+        text = "Fatal" if row is None else ""
+        return [Outcome(job.run_id, status, reason, row, traceback=text, error_number=next(iter(number), None))]
 
 
 DONE = (RunStatus.COMPLETED, "")
@@ -95,8 +99,36 @@ def test_what_is_finished_is_written_when_the_user_ends_the_study(study, tmp_pat
 
 
 def test_a_disk_that_is_full_for_a_worker_is_no_fault_of_the_run(study, tmp_path):
-    full = (RunStatus.FAILED, "OSError: [Errno 28] No space left on device")
+    full = (RunStatus.FAILED, "OSError: [Errno 28] No space left on device", errno.ENOSPC)
     with pytest.raises(SumoHmdpError, match=r"No space left on device.*Make room"):
         study(seed0=[DONE], seed1=[full]).run()
     assert statuses(tmp_path) == {0: "completed"}
     assert read_ledger(tmp_path) == []
+
+
+def test_a_planner_that_speaks_of_a_full_disk_blocks_nothing(study, tmp_path):
+    """Only the system's number says that the disk is full."""
+    words = (RunStatus.FAILED, "RuntimeError: table of errors: [Errno 28] No space left on device")
+    assert study(seed0=[words, words], seed1=[DONE], seed2=[DONE]).run()
+    assert statuses(tmp_path) == {0: "failed", 1: "completed", 2: "completed"}
+
+
+def test_runs_that_are_asked_for_anew_have_all_their_attempts(tmp_path):
+    crashed = Outcome("a", RunStatus.CRASHED, "signal 9")
+    for _ in range(2):
+        Ledger(tmp_path).note(crashed)
+    Ledger(tmp_path).ask_again(["a"], "--retry-failed")
+    assert Ledger(tmp_path).attempts("a") == 0
+
+
+def test_lines_that_are_no_entries_are_passed_over(tmp_path):
+    lines = (
+        '{"run_id": "a", "status": "failed"}',
+        '{"status": "failed"}',
+        "[]",
+        '{"run_id": 3, "status": "failed"}',
+        "7",
+    )
+    (tmp_path / "ledger.jsonl").write_bytes("\n".join(lines).encode() + b"\n\xff\xfe{}\n" + b"[" * 100_000)
+    assert [entry["run_id"] for entry in read_ledger(tmp_path)] == ["a"]
+    assert Ledger(tmp_path).attempts("a") == 1

@@ -10,22 +10,25 @@ from pyarrow import dataset, parquet
 import sumo_hmdp
 from sumo_hmdp.errors import InputError, SumoHmdpError
 from sumo_hmdp.study import parts
-from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash, sweep
+from sumo_hmdp.study.files import whole
+from sumo_hmdp.study.parts import RunTables, Writer, opened, study_hash
 from sumo_hmdp.study.record import tables_hash
+from sumo_hmdp.study.recovery import sweep
 from sumo_hmdp.study.store import TABLES, writable_folder, write_table
 
 
 def breaking(monkeypatch, broken, error):
     """Let the writing of one table break off in the middle of its file."""
-    real = parquet.write_table
+    real = parts.write_parquet
 
-    def write(table, path, **options):
+    def write(path, *content):
         if f"/{broken}/" in str(path):
-            path.write_bytes(b"PAR1 and no more")
-            raise error
-        real(table, path, **options)
+            with whole(path) as partial:
+                partial.write_bytes(b"PAR1 and no more")
+                raise error
+        real(path, *content)
 
-    monkeypatch.setattr(parquet, "write_table", write)
+    monkeypatch.setattr(parts, "write_parquet", write)
 
 
 class KilledError(BaseException):
@@ -40,7 +43,7 @@ def filled(tiny, tables, tmp_path):
         folder = tmp_path / name
         with opened(folder):
             writer = Writer(folder, tiny.cells)
-            assert writer.describe_cells() == []
+            writer.describe_cells()
             for seeds in batches:
                 for cell in tiny.cells:
                     for seed in seeds:
@@ -214,16 +217,12 @@ def test_a_damaged_file_is_named_and_its_runs_are_not_finished(filled, tiny, tab
         with pytest.raises(InputError, match=r"must be a whole Parquet file.*Delete it") as caught:
             sumo_hmdp.load(folder)
         assert str(file) in str(caught.value)
-    if how is damage and table != "runs":
-        # Going on reads no more of it than its end: the remedy of who reads it all is to delete it.
-        assert sweep(folder).damaged == ()
-        file.unlink()
     everything = {cell.run_id(seed) for cell in tiny.cells for seed in range(3)}
     finished = sweep(folder)
     assert finished.run_ids == everything - lost
     if table != "runs" or file.exists():
         assert len(finished.damaged) == (0 if table == "runs" and not file.exists() else 1)
-        assert table == "runs" or str(file) in finished.damaged[0]
+        assert str(file) in "".join(finished.damaged)
     assert len(sumo_hmdp.load(folder).runs) == 12 - len(lost)
     assert sweep(folder).damaged == ()
 
@@ -271,11 +270,3 @@ def test_single_runs_and_studies_do_not_share_a_folder(tmp_path):
     write_table(tmp_path, "runs", "a", pd.DataFrame({"run_id": ["a"]}))
     with pytest.raises(InputError, match="single runs"), opened(tmp_path):
         pass
-
-
-def test_other_versions_of_the_software_are_noticed(tiny, tmp_path, monkeypatch):
-    Writer(tmp_path, tiny.cells).describe_cells()
-    monkeypatch.setattr("sumo_hmdp.study.run.versions", lambda: {"sumo": "1.99"})
-    assert Writer(tmp_path, tiny.cells).describe_cells() == [cell.id for cell in tiny.cells]
-    assert Writer(tmp_path, tiny.cells).describe_cells() == []
-    assert '"versions_before"' in (tmp_path / "cells" / f"{tiny.cells[0].id}.json").read_text()

@@ -1,6 +1,6 @@
 """Files that are whole or not there, and names of runs that do not run into each other."""
 
-from dataclasses import dataclass, field
+import os
 from types import SimpleNamespace
 
 import pandas as pd
@@ -11,21 +11,15 @@ from sumo_hmdp.study.run import run_id_of
 from sumo_hmdp.study.store import TABLES, discard, load, table_path, write_manifest, write_table, write_text
 
 
-@dataclass
-class Unwritable:
-    """A frame that breaks off in the middle of its file."""
-
-    columns: list = field(default_factory=list)
-
-    def to_parquet(self, path, *, index):
-        path.write_bytes(b"PAR1 and no more")
+def test_a_table_that_cannot_be_finished_leaves_the_old_one(tmp_path, monkeypatch):
+    def full(number):
         raise OSError(28, "No space left on device")
 
-
-def test_a_table_that_cannot_be_finished_leaves_the_old_one(tmp_path):
     write_table(tmp_path, "runs", "a", pd.DataFrame({"run_id": ["a"]}))
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
-        write_table(tmp_path, "runs", "a", Unwritable())
+        write_table(tmp_path, "runs", "a", pd.DataFrame({"run_id": ["a"], "more": [1]}))
+    assert list((tmp_path / "runs").iterdir()) == [tmp_path / "runs" / "a.parquet"]
     assert load(tmp_path).runs["run_id"].tolist() == ["a"]
 
 
@@ -50,7 +44,7 @@ def test_only_runs_with_a_row_are_read(tmp_path):
 def test_an_empty_table_beside_a_full_one_keeps_the_types(tmp_path):
     full = pd.DataFrame({"run_id": ["a"], "lane": [2]})
     for run_id, frame in (("a", full), ("b", full.iloc[:0])):
-        write_table(tmp_path, "runs", run_id, full)
+        write_table(tmp_path, "runs", run_id, full.assign(run_id=run_id))
         write_table(tmp_path, "steps", run_id, frame)
     assert load(tmp_path).steps.dtypes.astype(str).to_dict() == {"run_id": "str", "lane": "int64"}
 
