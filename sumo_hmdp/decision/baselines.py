@@ -9,7 +9,7 @@ from pydantic import Field
 
 from sumo_hmdp.decision.idm import Idm
 from sumo_hmdp.decision.mobil import Goal, Mobil, follow_in_lane, leader_in_lane
-from sumo_hmdp.decision.problem_schema import NonNegative, Number, Positive
+from sumo_hmdp.decision.problem_schema import ENTRIES_MAX, Exponent, NonNegative, Number, Positive
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import Command, Decision, Status
@@ -48,14 +48,14 @@ class IdmMobilFile(FileModel):
     time_gap_s: NonNegative = 1.5
     accel_mps2: Positive = 8.0
     decel_mps2: Positive = 4.0
-    exponent: Positive = 6.0
+    exponent: Exponent = 6.0
     decel_max_mps2: Positive = 5.0
     lateral_period_s: Positive = 0.6
     politeness: NonNegative = 0.3
     threshold_mps2: NonNegative = 0.10
     safe_decel_mps2: Positive = 3.0
     leader_range_m: NonNegative = 95.0
-    forbidden_lanes: list[int] = Field(default_factory=list)
+    forbidden_lanes: list[int] = Field(default_factory=list, max_length=ENTRIES_MAX)
     occupancy: Literal["target", "swept"] = "target"
     goal: GoalFile | None = None
 

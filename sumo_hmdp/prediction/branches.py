@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sumo_hmdp.domain.maneuver import ACTIONS, Lateral
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.dynamics import (
     FloatArray,
     LateralGains,
@@ -30,6 +31,17 @@ IntArray = NDArray[np.int64]
 
 # A product that equals the threshold on paper may miss it by rounding; it is kept.
 THRESHOLD_SLACK = 1e-12
+
+# A vehicle with more likely sequences than this has a threshold that means nothing, and a decision takes minutes. The
+# probabilities of sequences sum to 1, so that a threshold of 1e-4 cannot lead here.
+SEQUENCES_MAX = 10_000
+# All branches and steps together.
+PREDICTION_MAX = 1_000_000
+
+
+class PredictionTooLargeError(SumoHmdpError):
+    """More sequences are likely enough than can be kept."""
+
 
 _LATERAL_OF_ACTION = np.array([action.lateral for action in ACTIONS])
 _MODE_CHANGE_OF_ACTION = np.array([action.mode_change for action in ACTIONS])
@@ -117,10 +129,17 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     Returns:
         For each vehicle the sequences whose probability reaches `sequence_threshold`, or the single likeliest
         one where none does; of several the first in the order of actions.
+
+    Raises:
+        PredictionTooLargeError: if there are too many.
     """
     H = settings.horizon_steps
     V = len(vehicles)
     trees = _trees(vehicles, settings)
+    size = H * sum(len(tree.probability) for tree in trees)
+    if size > PREDICTION_MAX:
+        message = f"must leave at most {PREDICTION_MAX} steps of likely sequences, got {size}"
+        raise PredictionTooLargeError(f"sequence_threshold {message}. Raise it, or shorten horizon_steps")
     vehicle = np.repeat(np.arange(V), [len(tree.probability) for tree in trees])
     probability, laterals, lanes, modes = (
         np.concatenate(each, axis=-1).T for each in zip(_no_tree(H), *trees, strict=True)
@@ -206,6 +225,9 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
         row, action = np.nonzero((child > 0) & (child * onward >= threshold))
         if lonely:
             row, action = row[:1], action[:1]
+        if len(row) > SEQUENCES_MAX:
+            message = f"must leave a vehicle at most {SEQUENCES_MAX} likely sequences"
+            raise PredictionTooLargeError(f"sequence_threshold {message}, got more. Raise it, or shorten horizon_steps")
         history = np.column_stack([history[row], action])
         probability = child[row, action]
         lanes, modes = next_lane[row, action], next_mode[row, action]

@@ -8,7 +8,7 @@ from typing import Any
 from sumo_hmdp.decision.decide import SOLVERS
 from sumo_hmdp.decision.problem_checks import planner_checks
 from sumo_hmdp.decision.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
-from sumo_hmdp.documents import Document, read_yaml
+from sumo_hmdp.documents import Document, exists, is_file, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
@@ -23,6 +23,8 @@ from sumo_hmdp.scenario.checks import (
     network_checks,
     network_path,
     planner_lane_checks,
+    road_end_notes,
+    sequence_checks,
     start_checks,
     time_checks,
 )
@@ -81,6 +83,7 @@ class ReadyRun:
         planner: who decides.
         parameters: of the planner, as in the file form.
         configuration: the whole scenario as it was used.
+        notes: what is allowed but hardly meant, for people.
     """
 
     scenario: str
@@ -93,6 +96,7 @@ class ReadyRun:
     planner: Planner[Any]
     parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
 
 
 def find_scenario(name_or_path: str) -> Path:
@@ -102,12 +106,12 @@ def find_scenario(name_or_path: str) -> Path:
         InputError: if there is neither.
     """
     path = Path(name_or_path)
-    if path.is_file():
+    if is_file(path):
         return path
     known = scenario_names()
     if name_or_path in known:
         return known[name_or_path]
-    if path.exists():
+    if exists(path):
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
     if name_or_path in study_names():
@@ -170,6 +174,8 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
+    if not problems:
+        problems.extend(sequence_checks(scenario, name, parameters))
     if problems:
         raise InputError(problems, str(path))
     try:
@@ -180,7 +186,7 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
-    return ready
+    return replace(ready, notes=tuple(road_end_notes(ready.world, ready.episode, ready.parameters)))
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:
