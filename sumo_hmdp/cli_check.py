@@ -76,18 +76,20 @@ def _checked(name: str) -> tuple[str, ...]:
         InputError: with every mistake and its path.
     """
     from sumo_hmdp.decision.problem_file import read_problem
-    from sumo_hmdp.documents import read_yaml
+    from sumo_hmdp.documents import is_file, read_yaml
     from sumo_hmdp.scenario.load import RunOptions, assemble_scenario, find_scenario
     from sumo_hmdp.scenario.packaged import study_names
-    from sumo_hmdp.study.design import design_of, find_study
 
     if name.endswith(".json"):
         read_problem(Path(name))
         return ()
-    path = find_study(name) if name in study_names() else find_scenario(name)
+    own_study = name in study_names() and not is_file(Path(name))
+    path = study_names()[name] if own_study else find_scenario(name)
     document = read_yaml(path)
     content = document.content
     if isinstance(content, dict) and "scenarios" in content and "network" not in content:
+        from sumo_hmdp.study.design import design_of
+
         return design_of(document, path).notes
     return assemble_scenario(document, RunOptions(), path).notes
 
