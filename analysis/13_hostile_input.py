@@ -57,7 +57,8 @@ wall_limit_s: 60.0
 VALUES: tuple[Any, ...] = (
     0, -0.0, 1, -1, 2, 0.5, 1e-300, 1e-9, 1e-3, 1e6, 1e9, 1e12, 1e300, -1e300, math.inf, -math.inf, math.nan, 2**31,
     2**63, 10**400, True, False, None, "", "x", "0", "1:30", "\u202e", "\x1b[31m", "\0", "[/red]", "a" * 5000, "ego",
-    "../..", "/dev/zero", "/etc/passwd", "case2", "hmdp_mpc", "search", [], {}, [[]], [1, 2], {"x": 1}, {"": None}, [None] * 50,
+    "../..", "/dev/zero", "/etc/passwd", "case2", "hmdp_mpc", "search", [], {}, [[]], [1, 2], {"x": 1},
+    {"": None}, [None] * 50,
 )  # fmt: skip
 TOKENS = (
     b"\0", b"\x1b[2J", b"\xff", b"\xef\xbb\xbf", b"[", b"]", b"{", b"}", b":", b"- ", b"\n", b"\t", b'"', b"&a ", b"*a",

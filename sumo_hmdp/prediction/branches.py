@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_hmdp.domain.maneuver import ACTIONS, Lateral
+from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
 from sumo_hmdp.errors import SumoHmdpError
@@ -170,6 +170,22 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     )
 
 
+def require_few_sequences(policy: Policy, settings: PredictionSettings) -> None:
+    """Make sure that a policy leaves few enough likely sequences, whatever maneuver a vehicle starts from.
+
+    Raises:
+        PredictionTooLargeError: if it does not.
+    """
+    for lane in range(1, len(policy.lateral) + 1):
+        for mode in Mode:
+            _likely_from(policy, lane, int(mode), _shared(settings))
+
+
+def _shared(settings: PredictionSettings) -> PredictionSettings:
+    """Return settings without what makes no difference to the sequences, so that these are looked up."""
+    return replace(settings, accel=0.0, period=1.0, gains=LateralGains())
+
+
 class _Tree(NamedTuple):
     """The B likely sequences from one maneuver, (H, B) but for the probability."""
 
@@ -187,7 +203,7 @@ def _no_tree(steps: int) -> _Tree:
 
 def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> list[_Tree]:
     """Return the likely sequences of each vehicle (docs/formulation.md, eq. 7)."""
-    shared = replace(settings, accel=0.0, period=1.0, gains=LateralGains())
+    shared = _shared(settings)
     # Policies are long to compare, and most vehicles have the very same one.
     known: dict[tuple[int, int, int], _Tree] = {}
     trees = []

@@ -1,6 +1,5 @@
 """Checks of a scenario that take more than one key."""
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -13,8 +12,7 @@ from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionTooLargeError, predict
-from sumo_hmdp.prediction.dynamics import Noise
+from sumo_hmdp.prediction.branches import PredictionTooLargeError, require_few_sequences
 from sumo_hmdp.prediction.policy import dead_end
 from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.scenario.schema import (
@@ -121,14 +119,11 @@ def sequence_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> It
     policies = [entry.policy(scenario.lanes.count) for entry in sections]
     policies += [] if scenario.traffic is None else [scenario.traffic.belief.policy(scenario.lanes.count)]
     for policy in dict.fromkeys(policies):
-        for lane, mode in itertools.product(range(1, scenario.lanes.count + 1), Mode):
-            vehicle = PredictedVehicle(VehicleState("any", 0.0, 0.0, 0.0, lane, mode), policy, Noise())
-            try:
-                predict([vehicle], settings)
-            except PredictionTooLargeError as error:
-                message = str(error).removeprefix("sequence_threshold ")
-                yield Problem(f"planners.{planner}.sequence_threshold", message)
-                return
+        try:
+            require_few_sequences(policy, settings)
+        except PredictionTooLargeError as error:
+            yield Problem(f"planners.{planner}.sequence_threshold", str(error).removeprefix("sequence_threshold "))
+            return
 
 
 def time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401

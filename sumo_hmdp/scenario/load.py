@@ -203,9 +203,10 @@ def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[st
     sections = raw.get("planners")
     sections = sections if isinstance(sections, Mapping) else {}
     parameters: Any = None
-    for name in dict.fromkeys([chosen, *sections]):
+    # What is no text is no planner's name, which is reported already; a list or mapping is no key either.
+    for name in dict.fromkeys(name for name in (chosen, *sections) if isinstance(name, str)):
         section = sections.get(name)
-        if not isinstance(name, str) or not isinstance(section, Mapping | None):
+        if not isinstance(section, Mapping | None):
             continue
         try:
             if name == chosen:

@@ -254,7 +254,7 @@ def _cell(file: StudyFile, path: Path, document: Document, chosen: Mapping[str, 
         problems.append(Problem("--epsilon", f"must be a number, got {shown(risk_level)}"))
     if problems:
         raise InputError(problems)
-    kind = planner_kinds().get(planner or content.get("planner", ""))
+    kind = planner_kinds().get(str(planner or content.get("planner", "")))
     kept = {factor: setting.value for factor, setting in chosen.items()}
     if kind is not None and "risk_level" not in kind.parameters.model_fields:
         risk_level = None
@@ -262,11 +262,16 @@ def _cell(file: StudyFile, path: Path, document: Document, chosen: Mapping[str, 
     options = RunOptions(
         planner=planner,
         solver=solver or file.solver,
-        risk_level=None if risk_level is None else float(risk_level),
+        risk_level=risk_level if risk_level is None else _as_float(risk_level),
         overrides=overrides,
     )
     ready = assemble_scenario(document, options, path)
     return Cell(cell_id_of(ready), kept, ready, document_of(ready))
+
+
+def _as_float(number: float) -> float:
+    """Return a number as a float; a whole number beyond all floats is far out of any range, too."""
+    return number if isinstance(number, float) else float(min(max(number, -1e300), 1e300))
 
 
 def document_of(ready: ReadyRun) -> dict[str, Any]:

@@ -30,7 +30,11 @@ def test_a_thousand_mutants_end_in_lines(tmp_path):
     mutator = _mutator()
     found = [
         mutator.tried(mutant, tmp_path)
-        for mutant in mutator.mutants(2026, range(1000), ("decision", "study", "scenario"))
+        for mutant in mutator.mutants(
+            2026,
+            range(1000),
+            ("decision", "scenario", "decision", "study", "scenario", "decision", "scenario", "decision"),
+        )
     ]
     assert [one for one in found if one.bad] == []
     # Both sides of the checks were tried.
@@ -106,6 +110,25 @@ def test_more_vehicles_than_a_run_can_hold_are_not_drawn(call, tmp_path):
     assert "duration_s: must let at most 50000 vehicles enter, got up to" in finished.err
 
 
+@pytest.mark.parametrize("planner", [["hmdp_mpc"], {"hmdp_mpc": 1}, 3, None])
+def test_a_planner_that_is_no_name_is_a_mistake(call, tmp_path, planner):
+    file = written(tmp_path, {**CASE2, "planner": planner})
+    (line,) = call("check", file).lines
+    assert line.startswith(f"{file}: planner: must be text, got ")
+    study = written(tmp_path, STUDY | {"scenarios": ["a.yaml"], "factors": {}}, "study.yaml")
+    finished = call("check", study)
+    assert finished.code == 2
+    assert "planner: must be text, got " in finished.err
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), 5, True, "x", [0.1], None])
+def test_a_risk_level_that_is_none_is_a_mistake(call, tmp_path, value):
+    study = written(tmp_path, STUDY | {"factors": {"risk_level": [value], "duration_s": [0.6]}})
+    finished = call("check", study)
+    assert finished.code == (0 if value is None else 2)
+    assert all("factors.risk_level[0]: must be " in line for line in finished.lines)
+
+
 STUDY = {"name": "s", "scenarios": ["case2"], "factors": {"planner": ["constant"]}, "seeds": {"count": 2}}
 
 
@@ -149,7 +172,7 @@ def test_what_is_printed_does_not_steer_the_terminal(capfd):
     told = "".join(capfd.readouterr())
     assert not any(letter in told for letter in "\x1b\x9b\u202e\udcff\r")
     assert told.count(r"a\x1b[2J\x9b31m\u202eb\udcff\r[/foo][red]") == 2
-    assert printable("12 km·h × ü\n\tok") == "12 km·h × ü\n\tok"
+    assert printable("12 km·h - ü\n\tok") == "12 km·h - ü\n\tok"
 
 
 def test_a_table_shows_names_as_they_are(capsys):
