@@ -27,7 +27,10 @@ from sumo_hmdp.cli_common import (
     complain,
     error_console,
     print_json,
+    remark,
     say,
+    show_table,
+    tell,
     usage_line,
 )
 from sumo_hmdp.errors import InputError, SumoHmdpError
@@ -66,15 +69,9 @@ def main() -> None:
         sys.exit(FAILED)
 
 
-def _print(table: "Table") -> None:
-    from rich.console import Console
-
-    Console().print(table)
-
-
 def _show_version(wanted: bool) -> None:  # noqa: FBT001 - a callback of Typer
     if wanted:
-        typer.echo(f"sumo-hmdp {version('sumo-hmdp')}")
+        tell(f"sumo-hmdp {version('sumo-hmdp')}")
         raise typer.Exit
 
 
@@ -124,6 +121,8 @@ def run(
     from sumo_hmdp.study.store import dispute_path, page_path, traceback_path, writable_folder
 
     ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
+    for note in ready.notes:
+        remark(f"note: {note}", as_json=as_json)
     folder = writable_folder(out_dir)
     reasons = Reasons()
     record = _execute_with_progress(ready, reasons.observe)
@@ -138,8 +137,8 @@ def run(
     if as_json:
         print_json({"run": record.row, "results": str(folder), "page": None if page is None else str(page)})
     else:
-        _print(summary_table(record))
-        typer.echo(f"tables: {folder}" + ("" if page is None else f"    page: {page}"))
+        show_table(summary_table(record))
+        tell(f"tables: {folder}" + ("" if page is None else f"    page: {page}"))
     if record.status is RunStatus.FAILED:
         where = traceback_path(folder, record.run_id)
         say(f"the run failed: {record.reason}; the traceback is in {where}", typer.colors.RED)
@@ -171,7 +170,12 @@ def _execute_with_progress(ready: "ReadyRun", watch: "Callable[[Moment], None]")
     from sumo_hmdp.study.run import execute
 
     console = error_console()
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[now]}"), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[now]}"),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(f"{ready.scenario} · {ready.planner_name}", total=ready.episode.steps, now="0.0 s")
 

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sumo_hmdp.cli_common import BAD_INPUT, FILES, JsonOption, complain, complete_checked, print_json
+from sumo_hmdp.cli_common import (
+    BAD_INPUT,
+    FILES,
+    JsonOption,
+    complain,
+    complete_checked,
+    print_json,
+    remark,
+    show_table,
+    tell,
+)
 from sumo_hmdp.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +33,9 @@ def check(
     files: Annotated[
         list[str],
         typer.Argument(
-            help="Scenario files or names, or decision problems.", show_default=False, autocompletion=complete_checked
+            help="Scenario or study files or names, or decision problems.",
+            show_default=False,
+            autocompletion=complete_checked,
         ),
     ],
     as_json: JsonOption = False,  # noqa: FBT002 - a flag of the command line
@@ -36,34 +48,53 @@ def check(
     - `sumo-hmdp check my_scenario.yaml`
     - `sumo-hmdp check results/decision_files/*/*.json --json`
 
-    No file comes out. A study file is checked by `sumo-hmdp study FILE --out DIR --dry-run`.
+    No file comes out. `sumo-hmdp study FILE --out DIR --dry-run` tells what a study will take, too.
     """
-    from sumo_hmdp.decision.problem_file import read_problem
-    from sumo_hmdp.scenario.load import find_scenario, load_scenario
-    from sumo_hmdp.scenario.trial import start_once
-
     found: list[dict[str, Any]] = []
     for name in files:
         problems: list[dict[str, str]] = []
         notes: tuple[str, ...] = ()
         try:
-            if name.endswith(".json"):
-                read_problem(Path(name))
-            else:
-                notes = start_once(load_scenario(find_scenario(name)), name).notes
+            notes = _checked(name)
         except InputError as error:
             complain(error)
             problems = [{"path": problem.path, "message": problem.message} for problem in error.problems]
         else:
             if not as_json:
-                typer.echo(f"{name}: ok")
-                for note in notes:
-                    typer.echo(f"{name}: note: {note}")
+                tell(f"{name}: ok")
+        for note in notes:
+            remark(f"{name}: note: {note}", as_json=as_json)
         found.append({"file": name, "ok": not problems, "problems": problems, "notes": list(notes)})
     if as_json:
         print_json({"files": found})
     if not all(file["ok"] for file in found):
         raise typer.Exit(BAD_INPUT)
+
+
+def _checked(name: str) -> tuple[str, ...]:
+    """Check a file, or what comes along by this name; return what is allowed but hardly meant.
+
+    Raises:
+        InputError: with every mistake and its path.
+    """
+    from sumo_hmdp.decision.problem_file import read_problem
+    from sumo_hmdp.documents import is_file, read_yaml
+    from sumo_hmdp.scenario.load import RunOptions, assemble_scenario, find_scenario
+    from sumo_hmdp.scenario.packaged import study_names
+    from sumo_hmdp.scenario.trial import start_once
+
+    if name.endswith(".json"):
+        read_problem(Path(name))
+        return ()
+    own_study = name in study_names() and not is_file(Path(name))
+    path = study_names()[name] if own_study else find_scenario(name)
+    document = read_yaml(path)
+    content = document.content
+    if isinstance(content, dict) and "scenarios" in content and "network" not in content:
+        from sumo_hmdp.study.design import design_of
+
+        return design_of(document, path).notes
+    return start_once(assemble_scenario(document, RunOptions(), path), name).notes
 
 
 def list_all(as_json: JsonOption = False) -> None:  # noqa: FBT002 - a flag of the command line
@@ -75,8 +106,6 @@ def list_all(as_json: JsonOption = False) -> None:  # noqa: FBT002 - a flag of t
 
     No file comes out. Planners of packages that are installed beside this one are listed, too.
     """
-    from rich.console import Console
-
     from sumo_hmdp.decision.decide import SOLVERS
     from sumo_hmdp.decision.registry import planner_kinds
     from sumo_hmdp.scenario.packaged import scenario_names, study_names
@@ -100,10 +129,9 @@ def list_all(as_json: JsonOption = False) -> None:  # noqa: FBT002 - a flag of t
         }
         print_json(renamed | {"solvers": list(SOLVERS)})
         return
-    console = Console()
     for title, rows in listed.items():
-        console.print(_listing(title, rows))
-    typer.echo(f"solvers: {', '.join(SOLVERS)}")
+        show_table(_listing(title, rows))
+    tell(f"solvers: {', '.join(SOLVERS)}")
 
 
 def _contents(files: dict[str, Path]) -> list[tuple[str, Any]]:

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
-from sumo_hmdp.errors import InputError, SumoHmdpError
+from sumo_hmdp.errors import InputError, SumoHmdpError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+# Nobody reads more lines about one file.
+MISTAKES_SHOWN = 100
 
 # The groups of `sumo-hmdp --help`, in this order.
 RUNS, STUDIES, FILES, OWN = "Runs", "Studies", "Scenarios and decisions", "Your own planner"
@@ -25,18 +28,28 @@ RUNS, STUDIES, FILES, OWN = "Runs", "Studies", "Scenarios and decisions", "Your 
 
 def say(line: str, colour: str | None = None) -> None:
     """Write a line for people to standard error; coloured on a terminal, unless NO_COLOR is set."""
-    typer.secho(line, fg=colour, err=True, color=False if os.environ.get("NO_COLOR") else None)
+    typer.secho(printable(line), fg=colour, err=True, color=False if os.environ.get("NO_COLOR") else None)
+
+
+def tell(text: str) -> None:
+    """Write a command's answer to standard output."""
+    typer.echo(printable(text))
 
 
 def remark(line: str, *, as_json: bool) -> None:
     """Write a line beside a command's answer: to standard output, unless that is to hold JSON alone."""
-    typer.echo(line, err=as_json)
+    typer.echo(printable(line), err=as_json)
 
 
 def complain(error: InputError) -> None:
-    """Write one red line for each mistake."""
-    for line in error.lines():
+    """Write one red line for each mistake; beyond many, how many more there are."""
+    lines = error.lines()
+    for line in lines[:MISTAKES_SHOWN]:
         say(line, typer.colors.RED)
+    if len(lines) > MISTAKES_SHOWN:
+        source = f"{error.source}: " if error.source else ""
+        more = f"{source}{len(lines) - MISTAKES_SHOWN} more mistakes; mend these first, or see all with `check --json`"
+        say(more, typer.colors.RED)
 
 
 def print_json(document: object) -> None:
@@ -58,11 +71,41 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a table holds
     return None if type(value).__name__ in {"NAType", "NaTType"} else value
 
 
+def plain_console(*, stderr: bool = False, width: int | None = None) -> "Console":
+    """Return where tables and progress are shown: names of users are printed as they are, `[/red]` is no markup.
+
+    Args:
+        stderr: whether it is standard error.
+        width: [characters] where the output is no terminal; None for 80.
+    """
+    from rich.console import Console
+    from rich.text import Text
+
+    class PlainConsole(Console):
+        """A console through which all text goes by `render_str`."""
+
+        def render_str(self, text: str, **options: Any) -> Text:  # noqa: ANN401 - rich's own
+            return super().render_str(printable(text), **options)
+
+    console = PlainConsole(stderr=stderr, markup=False, emoji=False)
+    if width is not None and not console.is_terminal:
+        console.width = width
+    return console
+
+
+def show_table(table: "Table", width: int | None = None) -> None:
+    """Write a table to standard output.
+
+    Args:
+        table: the table.
+        width: [characters] where the output is no terminal, so that a row is a line; None for 80.
+    """
+    plain_console(width=width).print(table)
+
+
 def error_console() -> "Console":
     """Return where progress is shown; it is a terminal or shows nothing."""
-    from rich.console import Console
-
-    return Console(stderr=True)
+    return plain_console(stderr=True)
 
 
 @contextmanager
@@ -72,7 +115,9 @@ def busy(text: str) -> Iterator[None]:
     if not console.is_terminal:
         yield
         return
-    with console.status(text):
+    from rich.text import Text
+
+    with console.status(Text(printable(text))):
         yield
 
 
@@ -88,7 +133,7 @@ def progress_bar(what: str, *, at_once: bool = False) -> Iterator[Callable[[floa
     from rich.progress import Progress as Bar
 
     console = error_console()
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
     with Bar(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=None, visible=at_once)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sumo_hmdp.cli_common import STUDIES, JsonOption, plain, print_json, progress_bar, say
+from sumo_hmdp.cli_common import STUDIES, JsonOption, plain, print_json, progress_bar, say, show_table, tell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,16 +49,12 @@ def compare(
     if as_json:
         print_json(document(found))
         return
-    from rich.console import Console
-
     # In a file, too, a row is a line.
-    console = Console()
-    console = console if console.is_terminal else Console(width=160)
-    console.print(cell_table(found))
+    show_table(cell_table(found), width=160)
     for sentence in found.verdicts:
-        typer.echo(f"- {sentence}")
+        tell(f"- {sentence}")
     if found.differences.empty:
-        typer.echo("nothing to compare: no two cells differ in one factor alone")
+        tell("nothing to compare: no two cells differ in one factor alone")
     for note in found.notes:
         say(note, typer.colors.YELLOW)
 

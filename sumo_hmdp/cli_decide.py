@@ -93,7 +93,7 @@ def _explain(file: Path, problem: "DecisionProblem", found: "Answer", figure: Pa
 
     explanation = explain(problem, found)
     if told:
-        typer.echo(explanation_text(explanation, str(file)), err=True)
+        say(explanation_text(explanation, str(file)))
     if figure is not None:
         from sumo_hmdp.report.figures import write_decision_figure
 

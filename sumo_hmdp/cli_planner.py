@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sumo_hmdp.cli_common import OWN
+from sumo_hmdp.cli_common import OWN, tell
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -33,9 +33,9 @@ def new_planner(
     from sumo_hmdp.decision.new_planner import write_planner_package
 
     for path in write_planner_package(name, out_dir):
-        typer.echo(path)
+        tell(str(path))
     folder = shlex.quote(str(out_dir / name))
-    typer.echo(
+    tell(
         "now install it once, and drive:\n"
         f"pip install --no-deps --no-build-isolation --editable {folder}\n"
         f"sumo-hmdp run highway --planner {name}"

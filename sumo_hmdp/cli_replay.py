@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sumo_hmdp.cli_common import RUNS, complete_run, progress_bar, say
+from sumo_hmdp.cli_common import RUNS, complete_run, progress_bar, say, tell
 from sumo_hmdp.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def replay(
         write_replay(page, dict(run.manifest), run.steps, run.decisions)
     except OSError as error:
         raise InputError([f"--out: {page} cannot be written: {error.strerror}. Choose another"]) from None
-    typer.echo(f"page: {page}{_origin(run)}")
+    tell(f"page: {page}{_origin(run)}")
     if open_page and not webbrowser.open(page.resolve().as_uri()):
         say("--open: no browser was found here; open the page by hand", typer.colors.YELLOW)
 
@@ -83,7 +83,7 @@ def video(
     film = film_of(run.manifest, run.steps, run.decisions, made)
     with progress_bar("frames") as on_progress:
         write_film(out, film, on_progress)
-    typer.echo(f"film: {out}, {film.frame_count} frames, {film.frame_count / made.fps:.1f} s{_origin(run)}")
+    tell(f"film: {out}, {film.frame_count} frames, {film.frame_count / made.fps:.1f} s{_origin(run)}")
 
 
 def _origin(run: "WholeRun") -> str:

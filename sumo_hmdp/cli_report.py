@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from sumo_hmdp.cli_common import STUDIES, JsonOption, print_json, progress_bar
+from sumo_hmdp.cli_common import STUDIES, JsonOption, print_json, progress_bar, tell
 from sumo_hmdp.errors import InputError
 
 
@@ -43,5 +43,5 @@ def report(
         print_json(document(made, page))
         return
     for sentence in made.verdict:
-        typer.echo(sentence)
-    typer.echo(f"page: {page}    tables and figures: {folder / 'report'}")
+        tell(sentence)
+    tell(f"page: {page}    tables and figures: {folder / 'report'}")

@@ -27,6 +27,8 @@ from sumo_hmdp.cli_common import (
     print_json,
     remark,
     say,
+    show_table,
+    tell,
 )
 from sumo_hmdp.errors import InputError, SumoHmdpError
 
@@ -187,8 +189,8 @@ def _show_end(work: "Study", folder: Path, *, complete: bool, as_json: bool) -> 
         by_status = dict(sorted(counts.items()))
         print_json({"results": str(folder), "runs": by_status, "complete": complete, "study_hash": work.hash()})
     else:
-        typer.echo(f"{counts.total()} runs: {', '.join(f'{n} {status}' for status, n in sorted(counts.items()))}")
-        typer.echo(f"tables: {folder}    study hash: {work.hash()}")
+        tell(f"{counts.total()} runs: {', '.join(f'{n} {status}' for status, n in sorted(counts.items()))}")
+        tell(f"tables: {folder}    study hash: {work.hash()}")
     if not complete:
         remark(f"stopped at --limit; go on with\n{_again()}", as_json=as_json)
     if set(counts) - {"completed", "contact"}:
@@ -196,8 +198,6 @@ def _show_end(work: "Study", folder: Path, *, complete: bool, as_json: bool) -> 
 
 
 def _show_forecast(design: "Design", workers: int, *, as_json: bool) -> None:
-    from rich.console import Console
-
     from sumo_hmdp.study.forecast import forecast
 
     with busy("doing a run of a few cells to tell time and disk"):
@@ -205,11 +205,9 @@ def _show_forecast(design: "Design", workers: int, *, as_json: bool) -> None:
     if as_json:
         print_json(forecast_document(design, found, workers))
     else:
-        console = Console()
         # In a file, too, a cell's name is whole.
-        console = console if console.is_terminal else Console(width=200)
-        console.print(design_table(design))
-        typer.echo(forecast_text(design, found, workers))
+        show_table(design_table(design), width=200)
+        tell(forecast_text(design, found, workers))
     for one in found:
         if one.reason:
             say(f"{one.run_id} ended as {one.status}: {one.reason}", typer.colors.YELLOW)
@@ -217,13 +215,15 @@ def _show_forecast(design: "Design", workers: int, *, as_json: bool) -> None:
 
 def forecast_document(design: "Design", found: "Sequence[Forecast]", workers: int) -> dict[str, object]:
     """Return what a study will take at most, as JSON has it."""
+    from sumo_hmdp.study.forecast import size_of
+
     run_count = len(design.cells) * len(design.seeds)
     return {
         "cells": [{"cell": cell.id, "factors": dict(cell.factors)} for cell in design.cells],
         "run_count_min": len(design.cells) * len(design.stages[0]),
         "run_count_max": run_count,
         "wall_time_max_s": fmean(one.wall_time for one in found) * run_count / workers,
-        "size_max_byte": round(fmean(one.size for one in found) * run_count),
+        "size_max_byte": round(size_of(design, found)),
         "measured_runs": [
             {"run_id": one.run_id, "status": str(one.status), "wall_time_s": one.wall_time} for one in found
         ],
@@ -249,10 +249,12 @@ def design_table(design: "Design") -> "Table":
 
 def forecast_text(design: "Design", found: "Sequence[Forecast]", workers: int) -> str:
     """Say what a study will take, and what this is taken from."""
+    from sumo_hmdp.study.forecast import size_of
+
     low, high = (len(design.cells) * len(seeds) for seeds in (design.stages[0], design.seeds))
     span = f"{low}" if low == high else f"{low} to {high}"
     times, mean_size = [one.wall_time for one in found], fmean(one.size for one in found)
-    hours, size = fmean(times) * high / workers / 3600, mean_size * high / 1e6
+    hours, size = fmean(times) * high / workers / 3600, size_of(design, found) / 1e6
     time = f"{hours:.1f} h" if hours >= 1 else f"{60 * hours:.1f} min"
     took = f"{times[0]:.2f} s" if len(times) == 1 else f"{min(times):.2f} to {max(times):.2f} s"
     names = "\n  ".join(one.run_id for one in found)
@@ -289,7 +291,7 @@ def repro(
     if found.same and as_json:
         return
     if found.same:
-        typer.echo(f"the same: trace hash {found.new_hash[:16]}")
+        tell(f"the same: trace hash {found.new_hash[:16]}")
         return
     where = found.difference or "no stored step differs; what differs was not stored (see --trace)"
     raise SumoHmdpError(f"not the same: trace hash was {found.stored_hash[:16]}, is {found.new_hash[:16]}; {where}")

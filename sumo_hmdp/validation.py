@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
@@ -12,6 +13,15 @@ from sumo_hmdp.errors import InputError, Problem
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = tuple[str | int, ...]
+
+# Of a value or a key so many characters are shown.
+_SHOWN_MAX = 60
+# Finding what an unknown key may mean takes time; nobody reads more.
+_HINTS_MAX = 100
+# A value may be as large as its file; what is beyond the first characters is never written.
+_BOUNDED = reprlib.Repr()
+_BOUNDED.maxdict, _BOUNDED.maxlist, _BOUNDED.maxtuple = 20, 30, 30
+_BOUNDED.maxstring, _BOUNDED.maxlong, _BOUNDED.maxother = 200, 10_000, 200
 
 
 class FileModel(BaseModel):
@@ -38,11 +48,11 @@ def parse(model: type[Model], content: Any, source: str = "") -> Model:  # noqa:
 
 
 def _problems(error: ValidationError, model: type[BaseModel], content: object) -> Iterator[Problem]:
-    mistakes = error.errors()
+    mistakes = error.errors(include_url=False)
     missing = {mistake["loc"] for mistake in mistakes if mistake["type"] == "missing"}
     hints: dict[Location, str] = {}
     for mistake in mistakes:
-        if mistake["type"] == "extra_forbidden":
+        if mistake["type"] == "extra_forbidden" and len(hints) < _HINTS_MAX:
             *parent, name = mistake["loc"]
             known = _known_keys(model, tuple(parent))
             near = difflib.get_close_matches(str(name), known, n=1)
@@ -80,10 +90,15 @@ def _in_file(location: Location, content: Any, *, missing: bool) -> Location:  #
 
 
 def path_text(location: Iterable[str | int]) -> str:
-    """Return a path such as `vehicles[0].lane`."""
+    """Return a path such as `vehicles[0].lane`; of a key, letters that only look like ASCII are told as escapes."""
     text = ""
     for part in location:
-        text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+        if isinstance(part, int):
+            text += f"[{part}]"
+            continue
+        key = ascii(part[: _SHOWN_MAX + 1])[1:-1]
+        key = key if len(key) <= _SHOWN_MAX else f"{key[: _SHOWN_MAX - 3]}..."
+        text += f".{key}" if text else key
     return text
 
 
@@ -93,8 +108,11 @@ def shown(value: object) -> str:
         return "NaN" if math.isnan(value) else ("Infinity" if value > 0 else "-Infinity")
     if value is None or isinstance(value, bool):
         return "nothing" if value is None else str(value).lower()
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
+    try:
+        text = " ".join(_BOUNDED.repr(value).split())
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN_MAX else text[: _SHOWN_MAX - 3] + "..."
 
 
 _WHOLE, _NUMBER, _MAPPING, _LIST = "a whole number", "a number", "a mapping of keys to values", "a list"
@@ -111,6 +129,7 @@ _REQUIREMENTS = {
     "int_parsing": _WHOLE,
     "float_parsing": _NUMBER,
     "string_too_short": "at least {min_length} character long",
+    "string_too_long": "at most {max_length} characters long",
     "string_pattern_mismatch": "text of the pattern {pattern}",
     "too_short": "a list of at least {min_length}",
     "too_long": "a list of at most {max_length}",

@@ -9,7 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from sumo_hmdp.decision.lane_rules import Goal, LaneRules, Seen, allowed_accel, limited, merging_room, see
-from sumo_hmdp.decision.problem_schema import NonNegative, Number, Positive
+from sumo_hmdp.decision.problem_schema import ENTRIES_MAX, Exponent, NonNegative, Number, Positive
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import Command, Decision, Note, Status
@@ -61,13 +61,13 @@ class IdmMobilFile(FileModel):
     time_gap_s: NonNegative = _CAR.time_gap.mean
     accel_mps2: Positive = _CAR.accel
     decel_mps2: Positive = _CAR.decel
-    exponent: Positive = _CAR.exponent
+    exponent: Exponent = _CAR.exponent
     politeness: NonNegative = _CAR.politeness.mean
     threshold_mps2: NonNegative = _RULE.threshold
     safe_decel_mps2: Positive = _RULE.safe_decel
     least_gap_m: NonNegative = _RULE.least_gap
     interval_s: NonNegative = 4.0
-    forbidden_lanes: list[int] = Field(default_factory=list)
+    forbidden_lanes: list[int] = Field(default_factory=list, max_length=ENTRIES_MAX)
     goal: GoalFile | None = None
 
     def rules(self) -> LaneRules:

@@ -1,8 +1,8 @@
 """How likely a vehicle of which nobody says anything starts a lane change: base rates by its MOBIL incentive.
 
-A driver changes lanes when it gains by it and nobody is endangered. The predictor weighs each vehicle's changes by its own
-IDM and MOBIL, once with the ego in the scene and once without, and takes the larger rate: the ego may have left a lane
-by the time that the vehicle enters it, so it must not see itself as a wall (docs/adr/0046).
+A driver changes lanes when it gains by it and nobody is endangered. The predictor weighs each vehicle's changes by its
+own IDM and MOBIL, once with the ego in the scene and once without, and takes the larger rate: the ego may have left a
+lane by the time that the vehicle enters it, so it must not see itself as a wall (docs/adr/0046).
 """
 
 from collections.abc import Mapping, Sequence

@@ -159,7 +159,7 @@ def _second_lane(scene: Scene, vehicle: VehicleState) -> int:
 
 
 def limited(rules: LaneRules, scene: Scene, duration: float) -> LaneRules:
-    """Return rules that want no more than the speed limit where the ego is, and change lanes only where that is allowed.
+    """Return rules that want no more than the speed limit where the ego is, and change lanes only where it is allowed.
 
     A lane beside the ego's counts as forbidden while its body would cross a solid line.
 

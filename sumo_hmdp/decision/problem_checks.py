@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sumo_hmdp.decision.problem_schema import LATERAL_KEYS, ProblemFile, StateFile, lateral_form
+from sumo_hmdp.decision.problem_schema import LANES_MAX, LATERAL_KEYS, ProblemFile, StateFile, lateral_form
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL, ManeuverState
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import Problem
@@ -53,7 +53,7 @@ class RawDocument:
     def lane_count(self) -> int | None:
         """Return the number of lanes, None where it is not usable."""
         count = self.integer("lanes", "count")
-        return count if count is not None and count >= 1 else None
+        return count if count is not None and 1 <= count <= LANES_MAX else None
 
 
 def cross_checks(raw: RawDocument) -> Iterator[Problem]:

@@ -13,7 +13,7 @@ from sumo_hmdp.documents import read_json
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.scene import StopLine, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.prediction.branches import PredictedVehicle
+from sumo_hmdp.prediction.branches import PredictedVehicle, PredictionTooLargeError, predict
 from sumo_hmdp.prediction.policy import Probabilities
 from sumo_hmdp.validation import parse
 
@@ -47,7 +47,13 @@ def parse_problem(
         problems.extend(dead_ends(parsed))
     if problems or parsed is None:
         raise InputError(problems, source)
-    return parsed.problem()
+    problem = parsed.problem()
+    try:
+        predict(problem.vehicles, problem.settings.prediction())
+    except PredictionTooLargeError as error:
+        message = str(error).removeprefix("sequence_threshold ")
+        raise InputError([Problem("planner.sequence_threshold", message)], source) from None
+    return problem
 
 
 def read_problem(path: Path) -> DecisionProblem:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from sumo_hmdp.decision.problem import (
     DecisionProblem,
@@ -25,9 +25,22 @@ from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import Policy, Probabilities
 from sumo_hmdp.validation import FileModel
 
+# Of a road, and of the lists in a file; far beyond any use, so that a file cannot cost more than it is worth.
+LANES_MAX, VEHICLES_MAX, ENTRIES_MAX, NAME_MAX = 12, 500, 1000, 100
+
+
+def _not_tiny(value: float) -> float:
+    """Refuse what would be divided by although it is nearly nothing."""
+    if value < 1e-3:
+        raise ValueError("must be at least 0.001")
+    return value
+
+
 # Beyond these no road, car or price is meant, and the arithmetic of a decision would overflow.
 Number = Annotated[float, Field(ge=-1e6, le=1e6)]
-Positive = Annotated[float, Field(gt=0, le=1e6)]
+Positive = Annotated[float, Field(gt=0, le=1e6), AfterValidator(_not_tiny)]
+Length = Annotated[float, Field(gt=0, le=100), AfterValidator(_not_tiny)]
+Exponent = Annotated[float, Field(gt=0, le=20), AfterValidator(_not_tiny)]
 NonNegative = Annotated[float, Field(ge=0, le=1e6)]
 Speed = Annotated[float, Field(ge=0, le=1e3)]
 Step = Annotated[float, Field(ge=1e-2, le=1e3)]
@@ -39,8 +52,8 @@ CostRow = Annotated[list[NonNegative], Field(min_length=3, max_length=3)]
 class LanesFile(FileModel):
     """`lanes`: the road."""
 
-    count: Annotated[int, Field(ge=1, le=12)]
-    width_m: Positive
+    count: Annotated[int, Field(ge=1, le=LANES_MAX)]
+    width_m: Length
 
 
 class PlannerFile(FileModel):
@@ -67,7 +80,7 @@ class PlannerFile(FileModel):
     lane_weight: NonNegative = 0.0
     goal_lane: int | None = None
     terminal_weight: NonNegative = 0.0
-    forbidden_lanes: list[int] = Field(default_factory=list)
+    forbidden_lanes: list[int] = Field(default_factory=list, max_length=ENTRIES_MAX)
     lateral_model: Literal["lane_change", "pd"] | None = None
     lateral_gain_k1_ps2: NonNegative | None = None
     lateral_gain_k2_ps: NonNegative | None = None
@@ -232,8 +245,8 @@ class StateFile(FileModel):
     speed_mps: Speed
     lane: int
     mode: ModeName
-    length_m: Positive = 4.5
-    width_m: Positive = 1.8
+    length_m: Length = 4.5
+    width_m: Length = 1.8
     lateral_speed_mps: Number = 0.0
 
     def state(self, vehicle_id: str) -> VehicleState:
@@ -254,7 +267,7 @@ class StateFile(FileModel):
 class VehicleFile(StateFile, PolicyFile, NoiseFile, LaneFollowingFile):
     """One surrounding vehicle."""
 
-    id: Annotated[str, Field(min_length=1)]
+    id: Annotated[str, Field(min_length=1, max_length=NAME_MAX)]
 
 
 class ManeuverFile(FileModel):
@@ -267,7 +280,7 @@ class ManeuverFile(FileModel):
 class StopLineFile(FileModel):
     """One stop line."""
 
-    lanes: Annotated[list[int], Field(min_length=1)]
+    lanes: Annotated[list[int], Field(min_length=1, max_length=ENTRIES_MAX)]
     x_m: Number
     leaving_x_m: Number | None = None
 
@@ -296,11 +309,11 @@ class ProblemFile(FileModel):
     lanes: LanesFile
     planner: PlannerFile
     ego: StateFile
-    vehicles: list[VehicleFile]
-    start_plan: list[ManeuverFile] | None = None
-    stop_lines: list[StopLineFile] = Field(default_factory=list)
-    speed_zones: list[SpeedZoneFile] = Field(default_factory=list)
-    no_change: list[NoChangeFile] = Field(default_factory=list)
+    vehicles: Annotated[list[VehicleFile], Field(max_length=VEHICLES_MAX)]
+    start_plan: Annotated[list[ManeuverFile], Field(max_length=ENTRIES_MAX)] | None = None
+    stop_lines: Annotated[list[StopLineFile], Field(max_length=ENTRIES_MAX)] = Field(default_factory=list)
+    speed_zones: Annotated[list[SpeedZoneFile], Field(max_length=ENTRIES_MAX)] = Field(default_factory=list)
+    no_change: Annotated[list[NoChangeFile], Field(max_length=ENTRIES_MAX)] = Field(default_factory=list)
 
     def problem(self) -> DecisionProblem:
         """Return the problem as the planner uses it."""

@@ -11,12 +11,12 @@ from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobil
 from sumo_hmdp.decision.names import offered
 from sumo_hmdp.decision.planner import Belief, HmdpPlanner
 from sumo_hmdp.decision.plugin_source import PlannerPackage, package_of
-from sumo_hmdp.decision.problem_schema import PlannerFile
+from sumo_hmdp.decision.problem_schema import NonNegative, PlannerFile
 from sumo_hmdp.decision.published_rules import PublishedFile, PublishedPlanner
 from sumo_hmdp.decision.sumo_driver import SumoDriver, SumoFile, SumoPlanner
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.validation import FileModel, nearest
+from sumo_hmdp.validation import FileModel, nearest, shown
 
 
 class HmdpParameters(PlannerFile):
@@ -28,7 +28,7 @@ class HmdpParameters(PlannerFile):
     that the ego's body is over: a prediction that does not react would have them drive into an ego that stops.
     """
 
-    sensing_range_m: float = 200.0
+    sensing_range_m: NonNegative = 200.0
     followers: Literal["all", "other_lanes"] = "all"
     occupancy: Literal["target", "swept"] = "swept"
 
@@ -199,7 +199,7 @@ def planner_kind(name: str, path: str) -> PlannerKind:
     """
     kinds = planner_kinds()
     if name not in kinds:
-        raise InputError([Problem(path, f"must be a known planner, got {name!r}; {nearest(name, kinds)}")])
+        raise InputError([Problem(path, f"must be a known planner, got {shown(name)}; {nearest(name, kinds)}")])
     return kinds[name]
 
 

@@ -1,12 +1,12 @@
 """The way out at the end of a plan: from its last state, braking must keep the distance to every vehicle ahead.
 
-Beyond the horizon a vehicle is taken to go on at its speed, and the ego to brake with the acceleration of its modes, after
-one period of cruising if it accelerates. So it comes nearer to a vehicle of speed u by
+Beyond the horizon a vehicle is taken to go on at its speed, and the ego to brake with the acceleration of its modes,
+after one period of cruising if it accelerates. So it comes nearer to a vehicle of speed u by
 
     e = max(0, v - u)^2 / (2 accel) + T max(0, v - u) [the ego accelerates]
 
-and the place of the vehicle must be at least d_b + e ahead (docs/formulation.md, eq. 45). What the horizon itself does not
-charge of that is added to the risk of the plan. Without it a higher risk level makes plans that end too fast behind a
+and the place of the vehicle must be at least d_b + e ahead (docs/formulation.md, eq. 45). What the horizon itself does
+not charge of that is added to the risk of the plan. Without it a higher risk level makes plans that end too fast behind a
 vehicle, and the decisions after them have nothing left that keeps the risk.
 """
 
@@ -42,7 +42,7 @@ def way_out_risk(
 
 
 def _without_way_out(problem: DecisionProblem, vehicle: PredictedVehicle, last: GraphStep) -> FloatArray:
-    """Return the probability that the horizon's distance is kept behind a vehicle, and that of the way out is not, (M,)."""
+    """Return the probability that the distance behind a vehicle is kept, and that of the way out is not, (M,)."""
     settings, state = problem.settings, vehicle.state
     T, H, accel = settings.period, settings.horizon_steps, settings.accel
     places = vehicle_places(problem, vehicle, by_speed=True).steps[-1]

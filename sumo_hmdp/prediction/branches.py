@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_hmdp.domain.maneuver import ACTIONS, Lateral
+from sumo_hmdp.domain.maneuver import ACTIONS, Lateral, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
+from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.dynamics import (
     FloatArray,
     LateralGains,
@@ -38,6 +39,17 @@ IntArray = NDArray[np.int64]
 
 # A product that equals the threshold on paper may miss it by rounding; it is kept.
 THRESHOLD_SLACK = 1e-12
+
+# A vehicle with more likely sequences than this has a threshold that means nothing, and a decision takes minutes. The
+# probabilities of sequences sum to 1, so that a threshold of 1e-4 cannot lead here.
+SEQUENCES_MAX = 10_000
+# All branches and steps together.
+PREDICTION_MAX = 1_000_000
+
+
+class PredictionTooLargeError(SumoHmdpError):
+    """More sequences are likely enough than can be kept."""
+
 
 _LATERAL_OF_ACTION = np.array([action.lateral for action in ACTIONS])
 _MODE_CHANGE_OF_ACTION = np.array([action.mode_change for action in ACTIONS])
@@ -127,10 +139,17 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     Returns:
         For each vehicle the sequences whose probability reaches `sequence_threshold`, or the single likeliest
         one where none does; of several the first in the order of actions.
+
+    Raises:
+        PredictionTooLargeError: if there are too many.
     """
     H = settings.horizon_steps
     V = len(vehicles)
     trees = _trees(vehicles, settings)
+    size = H * sum(len(tree.probability) for tree in trees)
+    if size > PREDICTION_MAX:
+        message = f"must leave at most {PREDICTION_MAX} steps of likely sequences, got {size}"
+        raise PredictionTooLargeError(f"sequence_threshold {message}. Raise it, or shorten horizon_steps")
     vehicle = np.repeat(np.arange(V), [len(tree.probability) for tree in trees])
     probability, laterals, lanes, modes = (
         np.concatenate(each, axis=-1).T for each in zip(_no_tree(H), *trees, strict=True)
@@ -161,6 +180,22 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
     )
 
 
+def require_few_sequences(policy: Policy, settings: PredictionSettings) -> None:
+    """Make sure that a policy leaves few enough likely sequences, whatever maneuver a vehicle starts from.
+
+    Raises:
+        PredictionTooLargeError: if it does not.
+    """
+    for lane in range(1, len(policy.lateral) + 1):
+        for mode in Mode:
+            _likely_from(policy, lane, int(mode), _shared(settings))
+
+
+def _shared(settings: PredictionSettings) -> PredictionSettings:
+    """Return settings without what makes no difference to the sequences, so that these are looked up."""
+    return replace(settings, accel=0.0, period=1.0, gains=None)
+
+
 class _Tree(NamedTuple):
     """The B likely sequences from one maneuver, (H, B) but for the probability."""
 
@@ -178,7 +213,7 @@ def _no_tree(steps: int) -> _Tree:
 
 def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -> list[_Tree]:
     """Return the likely sequences of each vehicle (docs/formulation.md, eq. 7)."""
-    shared = replace(settings, accel=0.0, period=1.0, gains=None)
+    shared = _shared(settings)
     # Policies are long to compare, and most vehicles have the very same one.
     known: dict[tuple[int, int, int], _Tree] = {}
     trees = []
@@ -216,6 +251,9 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
         row, action = np.nonzero((child > 0) & (child * onward >= threshold))
         if lonely:
             row, action = row[:1], action[:1]
+        if len(row) > SEQUENCES_MAX:
+            message = f"must leave a vehicle at most {SEQUENCES_MAX} likely sequences"
+            raise PredictionTooLargeError(f"sequence_threshold {message}, got more. Raise it, or shorten horizon_steps")
         history = np.column_stack([history[row], action])
         probability = child[row, action]
         lanes, modes = next_lane[row, action], next_mode[row, action]

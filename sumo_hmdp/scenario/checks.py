@@ -1,32 +1,39 @@
 """Checks of a scenario that take more than one key."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from sumo_hmdp.decision.problem_checks import dead_end_problem, table_checks
+from sumo_hmdp.decision.problem_schema import LANES_MAX, PlannerFile
+from sumo_hmdp.documents import is_file
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 from sumo_hmdp.errors import InputError, Problem
+from sumo_hmdp.prediction.branches import PredictionTooLargeError, require_few_sequences
 from sumo_hmdp.prediction.policy import dead_end
 from sumo_hmdp.scenario.packaged import data_folder
 from sumo_hmdp.scenario.schema import (
+    STEPS_MAX,
     ScenarioFile,
 )
+from sumo_hmdp.sim.episode import EpisodeSettings
 from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.trial_load import load_once
 from sumo_hmdp.sim.world_checks import WorldSettings, start_problems, world_problems
 from sumo_hmdp.traffic.demand import CROWD_PREFIX
 from sumo_hmdp.traffic.spawn import Spawn, spawn_problems
+from sumo_hmdp.validation import shown
 
 
 def lane_count(raw: Mapping[str, Any]) -> int | None:
     """Return the number of lanes, None where it is not usable."""
     lanes = raw.get("lanes")
     count = lanes.get("count") if isinstance(lanes, Mapping) else None
-    return count if is_whole(count) and count >= 1 else None
+    return count if is_whole(count) and 1 <= count <= LANES_MAX else None
 
 
 def is_whole(value: object) -> TypeGuard[int]:
@@ -59,11 +66,11 @@ def cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     count = lane_count(raw)
     network = raw.get("network")
-    if isinstance(network, str) and not network_path(network, folder).is_file():
+    if isinstance(network, str) and not is_file(network_path(network, folder)):
         known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
         yield Problem(
             "network",
-            f"must be a network that exists, got {network!r}; known are {', '.join(known)}, or give a path",
+            f"must be a network that exists, got {shown(network)}; known are {', '.join(known)}, or give a path",
         )
     ego = raw.get("ego")
     vehicles = raw.get("vehicles")
@@ -104,8 +111,29 @@ def dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
             yield dead_end_problem("traffic.belief", found)
 
 
+def sequence_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
+    """Find policies of which the planner's thresholds leave too many sequences, whatever the state."""
+    if not isinstance(parameters, PlannerFile):
+        return
+    settings = parameters.settings().prediction()
+    sections = [entry for vehicle in scenario.vehicles for entry in vehicle.policy]
+    sections += [] if scenario.matched_traffic is None else scenario.matched_traffic.policy
+    policies = [entry.policy(scenario.lanes.count) for entry in sections]
+    policies += [] if scenario.traffic is None else [scenario.traffic.belief.policy(scenario.lanes.count)]
+    for policy in dict.fromkeys(policies):
+        try:
+            require_few_sequences(policy, settings)
+        except PredictionTooLargeError as error:
+            yield Problem(f"planners.{planner}.sequence_threshold", str(error).removeprefix("sequence_threshold "))
+            return
+
+
 def time_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
     """Check that durations and periods are multiples of the step."""
+    count = scenario.duration_s / scenario.dt_s
+    if count > STEPS_MAX:
+        message = f"must be at most {STEPS_MAX} steps of {scenario.dt_s:g} s, got {count:.0f}; shorten it"
+        yield Problem("duration_s", message)
     keys = [key for key in ("period_s", "lateral_period_s") if hasattr(parameters, key)]
     periods = ((f"planners.{planner}.{key}", getattr(parameters, key)) for key in keys)
     for path, value in (("duration_s", scenario.duration_s), *periods):
@@ -123,7 +151,7 @@ def crowd_checks(scenario: ScenarioFile, *, sumo_drives: bool) -> Iterator[Probl
     """
     traffic = scenario.traffic
     if traffic is not None:
-        yield from traffic.problems(scenario.lanes.count, scenario.dt_s)
+        yield from traffic.problems(scenario.lanes.count, scenario.dt_s, scenario.duration_s)
         belief = traffic.belief
         yield from table_checks(belief.model_dump(), "traffic.belief", scenario.lanes.count)
         for index, vehicle in enumerate(scenario.vehicles):
@@ -189,6 +217,23 @@ def goal_checks(world: WorldSettings, ego: VehicleState, goal_x: float | None) -
         yield Problem("ego.goal_x_m", f"{message}, got {goal_x:g} m; move it, or leave it out")
 
 
+def road_end_notes(world: WorldSettings, episode: EpisodeSettings, parameters: Mapping[str, Any]) -> Iterator[str]:
+    """Tell that the ego may reach the road's end before its time is over, which fails a run.
+
+    It is taken to drive as fast as its planner wants to, or as it starts where the planner wants nothing.
+    """
+    end, ego = read_network(world.net_file, world.road).x_end, episode.ego
+    driver = world.ego_driver
+    desired = parameters.get("desired_speed_mps") if driver is None else driver.desired_speed
+    speed = min(max(ego.speed, desired or 0.0), parameters.get("speed_max_mps") or math.inf)
+    if episode.goal_x is None and speed > 0.0 and ego.x + speed * episode.duration >= end:
+        when = f"{max(0.0, end - ego.x) / speed:.0f} s of {episode.duration:g} s"
+        yield (
+            f"the ego may reach the road's end at {end:g} m, at {speed:g} m/s from {ego.x:.0f} m after {when}, and the "
+            "run would fail there; set ego.goal_x_m before it, so that the run ends there, or shorten duration_s"
+        )
+
+
 def _named(problems: Iterable[Problem], where: Mapping[str, str]) -> Iterator[Problem]:
     """Return problems with the places in the scenario file that they come from."""
     # A problem of the road stands once a lane, and the message repeats what the path says already.
@@ -200,6 +245,6 @@ def _named(problems: Iterable[Problem], where: Mapping[str, str]) -> Iterator[Pr
 def network_path(network: str, folder: Path) -> Path:
     """Return a network's file: one of the package by its name, or a path, first from the scenario's folder."""
     packaged = data_folder("networks") / f"{network}.net.xml"
-    if packaged.is_file():
+    if is_file(packaged):
         return packaged
-    return folder / network if (folder / network).is_file() else Path(network)
+    return folder / network if is_file(folder / network) else Path(network)

@@ -8,7 +8,7 @@ from typing import Any
 from sumo_hmdp.decision.decide import SOLVERS
 from sumo_hmdp.decision.problem_checks import planner_checks
 from sumo_hmdp.decision.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
-from sumo_hmdp.documents import Document, read_yaml
+from sumo_hmdp.documents import Document, exists, is_file, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.plan import Planner
 from sumo_hmdp.domain.road import Road
@@ -23,6 +23,8 @@ from sumo_hmdp.scenario.checks import (
     network_checks,
     network_path,
     planner_lane_checks,
+    road_end_notes,
+    sequence_checks,
     start_checks,
     time_checks,
 )
@@ -82,7 +84,7 @@ class ReadyRun:
         planner: who decides.
         parameters: of the planner, as in the file form.
         configuration: the whole scenario as it was used.
-        notes: what the network says that a reader of the results should know, a line each.
+        notes: what is allowed but hardly meant, and what the network says that a reader should know, a line each.
     """
 
     scenario: str
@@ -105,12 +107,12 @@ def find_scenario(name_or_path: str) -> Path:
         InputError: if there is neither.
     """
     path = Path(name_or_path)
-    if path.is_file():
+    if is_file(path):
         return path
     known = scenario_names()
     if name_or_path in known:
         return known[name_or_path]
-    if path.exists():
+    if exists(path):
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = "check the path" if path.suffix in {".yaml", ".yml"} else nearest(name_or_path, known)
     if name_or_path in study_names():
@@ -174,6 +176,8 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
     problems.extend(() if problems else rule_checks(scenario, read_network(network, road), name, parameters))
+    if not problems:
+        problems.extend(sequence_checks(scenario, name, parameters))
     if problems:
         raise InputError(problems, str(path))
     try:
@@ -188,7 +192,11 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
-    return replace(ready, notes=tuple(run_notes(ready.world, ready.episode.ego, ready.spawns, ready.parameters)))
+    notes = [
+        *run_notes(ready.world, ready.episode.ego, ready.spawns, ready.parameters),
+        *road_end_notes(ready.world, ready.episode, ready.parameters),
+    ]
+    return replace(ready, notes=tuple(notes))
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:
@@ -205,9 +213,10 @@ def _planner_parameters(raw: Mapping[str, Any], options: RunOptions) -> tuple[st
     sections = raw.get("planners")
     sections = sections if isinstance(sections, Mapping) else {}
     parameters: Any = None
-    for name in dict.fromkeys([chosen, *sections]):
+    # What is no text is no planner's name, which is reported already; a list or mapping is no key either.
+    for name in dict.fromkeys(name for name in (chosen, *sections) if isinstance(name, str)):
         section = sections.get(name)
-        if not isinstance(name, str) or not isinstance(section, Mapping | None):
+        if not isinstance(section, Mapping | None):
             continue
         try:
             if name == chosen:

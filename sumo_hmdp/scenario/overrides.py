@@ -7,7 +7,7 @@ from typing import Any
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.validation import shown
 
-_PART = re.compile(r"([A-Za-z0-9_-]+)((?:\[[0-9]+\])*)")
+_PART = re.compile(r"([A-Za-z0-9_-]+)((?:\[[0-9]{1,6}\])*)")
 
 
 def with_overrides(content: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

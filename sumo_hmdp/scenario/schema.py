@@ -5,8 +5,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from sumo_hmdp.decision.problem_schema import (
+    ENTRIES_MAX,
+    NAME_MAX,
+    VEHICLES_MAX,
+    Exponent,
     LaneFollowingFile,
     LanesFile,
+    Length,
     ModeName,
     NoiseFile,
     NonNegative,
@@ -17,6 +22,11 @@ from sumo_hmdp.decision.problem_schema import (
 )
 from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.validation import FileModel
+
+# A day; a step in which a car at 30 m/s moves by seven of its lengths.
+DURATION_MAX, STEP_MAX = 86_400.0, 1.0
+# All instants of a run are kept until its end.
+STEPS_MAX = 100_000
 
 
 class EgoFile(FileModel):
@@ -65,7 +75,7 @@ class ModeScheduleFile(FileModel):
     """`driver: {kind: mode_schedule}`: modes by the time since the run, or the ego's first lane change, began."""
 
     kind: Literal["mode_schedule"]
-    switches: Annotated[list[SwitchFile], Field(min_length=1)]
+    switches: Annotated[list[SwitchFile], Field(min_length=1, max_length=ENTRIES_MAX)]
     clock: Literal["run", "ego_change"] = "run"
     accel_mps2: Positive
     speed_max_mps: Positive
@@ -81,7 +91,7 @@ class IdmFile(FileModel):
     time_gap_s: Positive = 1.5
     accel_mps2: Positive = 1.5
     decel_mps2: Positive = 2.0
-    exponent: Positive = 4.0
+    exponent: Exponent = 4.0
 
 
 DriverFile = Annotated[ConstantSpeedFile | ModeScheduleFile | IdmFile, Field(discriminator="kind")]
@@ -96,14 +106,14 @@ class TimedPolicyFile(PolicyFile):
 class VehicleFile(NoiseFile, LaneFollowingFile):
     """One surrounding vehicle: where it starts, who drives it, and what the planner believes of it."""
 
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    id: Annotated[str, Field(max_length=NAME_MAX, pattern=r"^[A-Za-z0-9_.-]+$")]
     x_m: Number
     lane: int
     speed_mps: Speed
-    length_m: Positive = 4.5
-    width_m: Positive = 1.8
+    length_m: Length = 4.5
+    width_m: Length = 1.8
     driver: DriverFile
-    policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
+    policy: Annotated[list[TimedPolicyFile], Field(min_length=1, max_length=ENTRIES_MAX)]
 
 
 class MatchedTrafficFile(NoiseFile, LaneFollowingFile):
@@ -115,10 +125,10 @@ class MatchedTrafficFile(NoiseFile, LaneFollowingFile):
 
     density_vpkm_per_lane: Positive
     stretch_m: Annotated[list[Number], Field(min_length=2, max_length=2)]
-    lane_speeds_mps: list[Speed]
-    length_m: Positive = 4.5
-    width_m: Positive = 1.8
-    policy: Annotated[list[TimedPolicyFile], Field(min_length=1)]
+    lane_speeds_mps: Annotated[list[Speed], Field(max_length=ENTRIES_MAX)]
+    length_m: Length = 4.5
+    width_m: Length = 1.8
+    policy: Annotated[list[TimedPolicyFile], Field(min_length=1, max_length=ENTRIES_MAX)]
 
 
 class PublishedFile(FileModel):
@@ -135,14 +145,14 @@ class ScenarioFile(FileModel):
     part. `noise_scale` multiplies the standard deviations of the motion behind the planner's back.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+    name: Annotated[str, Field(max_length=NAME_MAX, pattern=r"^[a-z0-9_]+$")]
     description: str
     network: str
     lanes: LanesFile
-    duration_s: Positive
-    dt_s: Positive
+    duration_s: Annotated[Positive, Field(le=DURATION_MAX)]
+    dt_s: Annotated[Positive, Field(le=STEP_MAX)]
     ego: EgoFile
-    vehicles: list[VehicleFile] = Field(default_factory=list)
+    vehicles: Annotated[list[VehicleFile], Field(max_length=VEHICLES_MAX)] = Field(default_factory=list)
     traffic: TrafficFile | None = None
     matched_traffic: MatchedTrafficFile | None = None
     noise: bool = False

@@ -9,7 +9,11 @@ from pydantic import Field
 from sumo_hmdp.decision.lane_change_belief import LaneChangeRates
 from sumo_hmdp.decision.planner import Belief
 from sumo_hmdp.decision.problem_schema import (
+    ENTRIES_MAX,
+    NAME_MAX,
+    Exponent,
     LaneFollowingFile,
+    Length,
     NoiseFile,
     NonNegative,
     Number,
@@ -37,6 +41,8 @@ from sumo_hmdp.traffic.theory import Lane
 from sumo_hmdp.validation import FileModel
 
 POPULATIONS: dict[str, tuple[VehicleClass, ...]] = {"highway": HIGHWAY_CLASSES, "urban": URBAN_CLASSES}
+# All vehicles of a run are drawn before it begins.
+VEHICLES_DRAWN_MAX, LENGTH_MIN = 50_000, 0.5
 _PER_KM, _PER_HOUR = 1e-3, 1.0 / 3600.0
 
 
@@ -56,17 +62,17 @@ class SpreadFile(FileModel):
 class ClassFile(FileModel):
     """`traffic.classes[i]`: one kind of vehicles and their drivers."""
 
-    name: str
+    name: Annotated[str, Field(max_length=NAME_MAX)]
     share: Annotated[float, Field(ge=0, le=1)]
-    length_m: Positive
-    width_m: Positive
+    length_m: Length
+    width_m: Length
     desired_speed_mps: SpreadFile
     time_gap_s: SpreadFile
     politeness: SpreadFile
     min_gap_m: Positive = 2.0
     accel_mps2: Positive = 1.4
     decel_mps2: Positive = 2.0
-    exponent: Positive = 4.0
+    exponent: Exponent = 4.0
 
     def problems(self) -> Iterator[Problem]:
         """Yield what is wrong with the distributions."""
@@ -152,8 +158,8 @@ class LaneChangeRatesFile(FileModel):
 class BeliefFile(PolicyFile, NoiseFile, LaneFollowingFile):
     """`traffic.belief`: what the planner believes of every vehicle that nobody describes.
 
-    With `lane_change_rates` the planner weighs each vehicle's lane changes by its own IDM and MOBIL, and takes these rates
-    by the incentive in place of `lateral_probs`.
+    With `lane_change_rates` the planner weighs each vehicle's lane changes by its own IDM and MOBIL, and takes these
+    rates by the incentive in place of `lateral_probs`.
 
     The present mode and the lane intent are read from the vehicle's motion; from there on it acts by this policy. Its
     lane changes take the time of `traffic.lane_changes`, unless it says otherwise.
@@ -195,27 +201,28 @@ class TrafficFile(FileModel):
     density_vpkm_per_lane: NonNegative | None = None
     flow_vph_per_lane: NonNegative | None = None
     stretch_m: Annotated[list[Number], Field(min_length=2, max_length=2)]
-    lanes: Annotated[list[int], Field(min_length=1)] | None = None
+    lanes: Annotated[list[int], Field(min_length=1, max_length=ENTRIES_MAX)] | None = None
     inflow: bool = True
     ramp_flow_vph: NonNegative = 0.0
     side_flow_vph: NonNegative = 0.0
     exit_share: Annotated[float, Field(ge=0, le=1)] = 0.0
-    warm_up_s: NonNegative = 30.0
+    warm_up_s: Annotated[float, Field(ge=0, le=600)] = 30.0
     speed_limit_mps: Positive | None = None
     population: Literal["highway", "urban"] = "highway"
-    classes: Annotated[list[ClassFile], Field(min_length=1)] | None = None
+    classes: Annotated[list[ClassFile], Field(min_length=1, max_length=ENTRIES_MAX)] | None = None
     lane_changes: LaneChangesFile = Field(default_factory=LaneChangesFile)
     courtesy: CourtesyFile = Field(default_factory=CourtesyFile)
     measurement: MeasurementFile = Field(default_factory=MeasurementFile)
     sight_m: Positive = 200.0
     belief: BeliefFile
 
-    def problems(self, lane_count: int, dt: float) -> Iterator[Problem]:
+    def problems(self, lane_count: int, dt: float, duration: float = 0.0) -> Iterator[Problem]:
         """Yield every mistake that takes more than one key.
 
         Args:
             lane_count: of the road.
             dt: the scenario's step [s].
+            duration: of the run [s].
         """
         if self.stretch_m[0] >= self.stretch_m[1]:
             yield Problem("traffic.stretch_m", f"must be [from, to] with from < to, got {self.stretch_m}; swap them")
@@ -227,7 +234,24 @@ class TrafficFile(FileModel):
         steps = self.warm_up_s / dt
         if abs(steps - round(steps)) > 1e-6:
             yield Problem("traffic.warm_up_s", f"must be a multiple of dt_s ({dt:g} s), got {self.warm_up_s:g} s")
-        yield from self._demand_problems()
+        mistakes = list(self._demand_problems())
+        yield from mistakes
+        if not mistakes:
+            yield from self._size_problems(lane_count, duration)
+
+    def _size_problems(self, lane_count: int, duration: float) -> Iterator[Problem]:
+        """Yield that more vehicles would be drawn than one run can hold; they are drawn before it begins."""
+        capacity = Lane.of([mean_traits(self.vehicle_classes())]).capacity()[0] / _PER_HOUR
+        per_lane = capacity if self.flow_vph_per_lane is None else self.flow_vph_per_lane
+        time = (self.warm_up_s + duration) * _PER_HOUR if self.inflow else 0.0
+        count = time * (per_lane * lane_count + self.ramp_flow_vph + self.side_flow_vph)
+        if count > VEHICLES_DRAWN_MAX:
+            message = f"must let at most {VEHICLES_DRAWN_MAX} vehicles enter, got up to {count:.0f} in {duration:g} s"
+            yield Problem("duration_s", f"{message}; shorten it, or set traffic.inflow to false")
+        for index, kind in enumerate(self.classes or ()):
+            if kind.length_m < LENGTH_MIN:
+                message = f"must be at least {LENGTH_MIN:g} where traffic is drawn, got {kind.length_m:g}; raise it"
+                yield Problem(f"traffic.classes[{index}].length_m", message)
 
     def _demand_problems(self) -> Iterator[Problem]:
         """Yield what is wrong with the classes, then with how much traffic they are to be."""

@@ -379,6 +379,11 @@ class LibsumoWorld:
 
     def _lose_ego(self, ego: VehicleState, reason: str) -> NoReturn:
         low, high = self._network.x_begin, self._network.x_end
+        if ego.x + ego.speed * self.settings.dt >= high:
+            raise SimulationError(
+                f"the ego must not reach the road's end at {high:g} m before its run ends, got there after "
+                f"{self.time:g} s. Set ego.goal_x_m below it, so that the run ends there, or shorten duration_s."
+            )
         raise SimulationError(
             f"the ego must stay on the road, x from {low} to {high} m, got x = {ego.x} m, y = {ego.y} m "
             f"(t = {self.time} s). {reason}"

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from sumo_hmdp.decision.registry import planner_kinds
-from sumo_hmdp.documents import Document, read_yaml
+from sumo_hmdp.documents import Document, exists, is_file, read_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.study.factors import OPTION_FACTORS, Setting, factor_problems, settings_of
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
-from sumo_hmdp.study.schema import SEED_MAX, SeedsFile, StoppingFile, StudyFile
+from sumo_hmdp.study.schema import CELL_COUNT_MAX, RUN_COUNT_MAX, SEED_MAX, SeedsFile, StoppingFile, StudyFile
 from sumo_hmdp.study.stopping import metric_problem
-from sumo_hmdp.validation import nearest, parse
+from sumo_hmdp.validation import nearest, parse, shown
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,9 @@ def find_study(name_or_path: str) -> Path:
     """
     known = study_names()
     path = Path(name_or_path)
-    if path.is_file() or name_or_path in known:
-        return path if path.is_file() else known[name_or_path]
-    if path.exists():
+    if is_file(path) or name_or_path in known:
+        return path if is_file(path) else known[name_or_path]
+    if exists(path):
         raise InputError(["must be a file, got a directory or device. Name the YAML file in it"], name_or_path)
     remedy = nearest(name_or_path, known)
     if name_or_path in scenario_names():
@@ -93,7 +94,20 @@ def load_design(path: Path, solver: str | None = None) -> Design:
     Raises:
         InputError: with every mistake, its path and remedy.
     """
-    document = read_yaml(path)
+    return design_of(read_yaml(path), path, solver)
+
+
+def design_of(document: Document, path: Path, solver: str | None = None) -> Design:
+    """Check every run that a study asks for.
+
+    Args:
+        document: the study file's content.
+        path: the file, for the messages and for what it names by paths from there.
+        solver: in place of the file's.
+
+    Raises:
+        InputError: with every mistake, its path and remedy.
+    """
     if isinstance(document.content, Mapping) and "network" in document.content and "scenarios" not in document.content:
         raise InputError(["must be a study, got a scenario; run it with `sumo-hmdp run FILE`"], str(path))
     problems = list(document.problems)
@@ -101,6 +115,9 @@ def load_design(path: Path, solver: str | None = None) -> Design:
     if solver is not None:
         file = file.model_copy(update={"solver": solver})
     problems += _own_problems(file, solver_given=solver is not None)
+    large = list(_size_problems(file))
+    if large:
+        raise InputError(dict.fromkeys(problems + large), str(path))
     scenarios: dict[str, tuple[Path, Document]] = {}
     for index, name in enumerate(file.scenarios):
         try:
@@ -110,6 +127,9 @@ def load_design(path: Path, solver: str | None = None) -> Design:
     cells, notes = _cells(file, scenarios, problems)
     if problems:
         raise InputError(dict.fromkeys(problems), str(path))
+    notes += tuple(
+        dict.fromkeys(f"scenario {cell.ready.scenario}: {note}" for cell in cells for note in cell.ready.notes)
+    )
     return Design(file, cells, _stages(file.seeds, file.stopping), notes)
 
 
@@ -132,9 +152,23 @@ def _read_study(content: Any, problems: list[Problem]) -> StudyFile:  # noqa: AN
     return file if "scenarios" in sound else file.model_copy(update={"scenarios": []})
 
 
+def _size_problems(file: StudyFile) -> Iterator[Problem]:
+    """Yield that there are more combinations than can be tried."""
+    cells = len(file.scenarios) * math.prod(len(values) for values in file.factors.values())
+    if cells > CELL_COUNT_MAX:
+        yield Problem("factors", f"must make at most {CELL_COUNT_MAX} cells, got {shown(cells)}; take values out")
+    seeds, stopping = file.seeds, file.stopping
+    if isinstance(seeds, SeedsFile):
+        count = seeds.count or (1 if stopping is None else stopping.seeds_max)
+    else:
+        count = len(seeds)
+    if cells <= CELL_COUNT_MAX and cells * count > RUN_COUNT_MAX:
+        yield Problem("seeds", f"must make at most {RUN_COUNT_MAX} runs, got {cells * count}; lower their number")
+
+
 def _read_scenario(name: str, folder: Path) -> tuple[Path, Document]:
     beside = folder / name
-    found = beside if beside.is_file() else find_scenario(name)
+    found = beside if is_file(beside) else find_scenario(name)
     return found, read_yaml(found)
 
 
@@ -215,12 +249,12 @@ def _cell(file: StudyFile, path: Path, document: Document, chosen: Mapping[str, 
     problems = []
     for factor, what in (("planner", planner), ("solver", solver)):
         if what is not None and not isinstance(what, str):
-            problems.append(Problem(OPTION_FACTORS[factor], f"must be text, got {what!r}"))
+            problems.append(Problem(OPTION_FACTORS[factor], f"must be text, got {shown(what)}"))
     if risk_level is not None and (isinstance(risk_level, bool) or not isinstance(risk_level, int | float)):
-        problems.append(Problem("--epsilon", f"must be a number, got {risk_level!r}"))
+        problems.append(Problem("--epsilon", f"must be a number, got {shown(risk_level)}"))
     if problems:
         raise InputError(problems)
-    kind = planner_kinds().get(planner or content.get("planner", ""))
+    kind = planner_kinds().get(str(planner or content.get("planner", "")))
     kept = {factor: setting.value for factor, setting in chosen.items()}
     if kind is not None and "risk_level" not in kind.parameters.model_fields:
         risk_level = None
@@ -228,11 +262,16 @@ def _cell(file: StudyFile, path: Path, document: Document, chosen: Mapping[str, 
     options = RunOptions(
         planner=planner,
         solver=solver or file.solver,
-        risk_level=None if risk_level is None else float(risk_level),
+        risk_level=risk_level if risk_level is None else _as_float(risk_level),
         overrides=overrides,
     )
     ready = assemble_scenario(document, options, path)
     return Cell(cell_id_of(ready), kept, ready, document_of(ready))
+
+
+def _as_float(number: float) -> float:
+    """Return a number as a float; a whole number beyond all floats is far out of any range, too."""
+    return number if isinstance(number, float) else float(min(max(number, -1e300), 1e300))
 
 
 def document_of(ready: ReadyRun) -> dict[str, Any]:

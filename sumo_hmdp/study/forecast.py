@@ -1,11 +1,16 @@
 """What a study will take: time and disk, measured on one run of a few of its cells."""
 
+import math
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
+
+import pandas as pd
 
 from sumo_hmdp.study.design import Cell, Design
-from sumo_hmdp.study.parts import RunTables, Writer
+from sumo_hmdp.study.parts import COLUMNS, RUNS_PER_FILE, RunTables, Writer
 from sumo_hmdp.study.pool import LocalPool
 from sumo_hmdp.study.record import RunStatus
 from sumo_hmdp.study.runner import job_of
@@ -23,14 +28,28 @@ class Forecast:
         status: how it ended.
         reason: why it did not complete, empty if it did.
         wall_time: that it took [s].
-        size: of its tables in files of their own [bytes]; batches of runs take less a run.
+        size: what one more run adds to the tables of its cell, at the study's trace level [byte].
+        overhead: what a cell's files take before any run is in them [byte].
     """
 
     run_id: str
     status: RunStatus
     reason: str
     wall_time: float
-    size: int
+    size: float
+    overhead: float = 0.0
+
+
+def size_of(design: Design, found: Sequence[Forecast]) -> float:
+    """Return what the tables of a whole study take at most [byte].
+
+    Args:
+        design: the study.
+        found: the forecast of some of its cells.
+    """
+    size, overhead = fmean(one.size for one in found), fmean(one.overhead for one in found)
+    file_count = math.ceil(len(design.seeds) / RUNS_PER_FILE)
+    return len(design.cells) * (file_count * overhead + len(design.seeds) * size)
 
 
 def forecast(design: Design) -> tuple[Forecast, ...]:
@@ -49,11 +68,26 @@ def _measured(design: Design, cell: Cell, pool: LocalPool) -> Forecast:
     outcome = None
     while outcome is None:
         outcome = next(iter(pool.collect(1.0)), None)
-    size = 0
+    size, overhead = 0.0, 0.0
     if outcome.row is not None:
-        with tempfile.TemporaryDirectory(prefix="sumo-hmdp-forecast-") as scratch:
-            writer = Writer(Path(scratch), [cell])
-            writer.add(RunTables(cell.id, outcome.row, outcome.steps, outcome.decisions))
-            writer.flush()
-            size = sum(file.stat().st_size for table in TABLES for file in Path(scratch, table).rglob("*.parquet"))
-    return Forecast(outcome.run_id, outcome.status, outcome.reason, outcome.wall_time, size)
+        tables = RunTables(cell.id, outcome.row, outcome.steps, outcome.decisions)
+        # A file is mostly its own description until many runs are in it. What one more run adds is what its rows after
+        # the first one of a table take; of its one row in `runs`, about 8 byte a column.
+        begun = replace(tables, steps=_first_row(outcome.steps), decisions=_first_row(outcome.decisions))
+        whole = _written(cell, tables)
+        size = whole - _written(cell, begun) + 8.0 * len(COLUMNS["runs"])
+        overhead = whole - size
+    return Forecast(outcome.run_id, outcome.status, outcome.reason, outcome.wall_time, size, overhead)
+
+
+def _first_row(frame: pd.DataFrame | None) -> pd.DataFrame | None:
+    return None if frame is None else frame.iloc[:1]
+
+
+def _written(cell: Cell, tables: RunTables) -> int:
+    """Return what the files of a single run take [byte]."""
+    with tempfile.TemporaryDirectory(prefix="sumo-hmdp-forecast-") as scratch:
+        writer = Writer(Path(scratch), [cell])
+        writer.add(tables)
+        writer.flush()
+        return sum(file.stat().st_size for table in TABLES for file in Path(scratch, table).rglob("*.parquet"))
