@@ -82,7 +82,7 @@ def compare(number: int, seed: int, samples: int, *, nearby: bool) -> Compared:
     expected = load("brute_joint").solve(document, everything=nearby)
     small = document["planner"]["horizon_steps"] <= 3 and number % 8 == 0
     ways = tuple(load("joint_agreement").WAYS)[: 3 if small else 2]
-    choices, said = load("joint_agreement").disagreements(document, expected, ways)
+    _, said = load("joint_agreement").disagreements(document, expected, ways)
     level = document["planner"]["risk_level"]
     found = Compared(number, features_of(document), expected["status"], said, level)
     if expected["status"] != "optimal":

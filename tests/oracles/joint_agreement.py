@@ -28,13 +28,13 @@ def disagreements(document, expected, ways=tuple(WAYS)):
     Returns the choices by way and a list of sentences.
     """
     choices = {way: chosen(document, way) for way in ways}
-    said = [
-        f"{way}: {sentence}" for way, choice in choices.items() for sentence in _differences(expected, choice)
-    ]
+    said = [f"{way}: {sentence}" for way, choice in choices.items() for sentence in _differences(expected, choice)]
     first = choices[ways[0]]
-    for way in ways[1:]:
-        if choices[way].status is not first.status or choices[way].sequence != first.sequence:
-            said.append(f"{way}: {choices[way].sequence}, {ways[0]}: {first.sequence}")
+    said += [
+        f"{way}: {choices[way].sequence}, {ways[0]}: {first.sequence}"
+        for way in ways[1:]
+        if choices[way].status is not first.status or choices[way].sequence != first.sequence
+    ]
     return choices, said
 
 
