@@ -9,8 +9,6 @@ from sumo_hmdp.report.short import percent, short_plan
 
 # Plans of less risk are drawn here: what is below is next to what the prediction leaves out.
 LEAST_RISK = 1e-7
-# So many plans are named, those nearest to the chosen one.
-NAMED = 5
 
 
 def frontier_figure(answer: Answer) -> Figure:
@@ -46,11 +44,12 @@ def frontier_figure(answer: Answer) -> Figure:
         f"\u03b5 = {percent(level)}", (level, 1.0), (4, -4), xycoords=("data", "axes fraction"),
         textcoords="offset points", color="#1f4e79", va="top",
     )  # fmt: skip
-    for plan in _named(plans):
+    for plan, side in _named(plans):
         axes.annotate(
-            short_plan(plan.plan), (max(plan.risk, LEAST_RISK), plan.cost), (5, 5), textcoords="offset points",
-            fontsize=7, color="#c1440e" if plan.chosen else "0.3",
+            short_plan(plan.plan), (max(plan.risk, LEAST_RISK), plan.cost), (6 * side, 6), textcoords="offset points",
+            fontsize=7, color="#c1440e" if plan.chosen else "0.3", ha="left" if side > 0 else "right",
         )  # fmt: skip
+    axes.xaxis.set_major_formatter(lambda risk, _: f"{100 * risk:g} %")
     axes.set_xlabel("risk of the plan: bound of the probability that any distance falls short")
     axes.set_ylabel("cost of the plan")
     axes.spines[["top", "right"]].set_visible(False)
@@ -58,11 +57,15 @@ def frontier_figure(answer: Answer) -> Figure:
     return figure
 
 
-def _named(plans: tuple[PricedPlan, ...]) -> list[PricedPlan]:
-    """Return the chosen plan and its neighbours, else the least risky ones."""
-    at = next((index for index, plan in enumerate(plans) if plan.chosen), len(plans) - 1)
-    first = max(0, min(at - NAMED // 2, len(plans) - NAMED))
-    return list(plans[first : first + NAMED])
+def _named(plans: tuple[PricedPlan, ...]) -> list[tuple[PricedPlan, int]]:
+    """Return the chosen plan, the next cheaper and the next safer one, else the safest, each with the side of its name.
+
+    Plans come by rising cost, so the safer ones are those after it.
+    """
+    at = next((index for index, plan in enumerate(plans) if plan.chosen), None)
+    if at is None:
+        return [(plans[-1], 1)]
+    return [(plans[at], 1), *((plan, 1) for plan in plans[:at][-1:]), *((plan, -1) for plan in plans[at + 1 : at + 2])]
 
 
 def _title(answer: Answer, plans: tuple[PricedPlan, ...]) -> str:

@@ -1,7 +1,9 @@
 """Short forms that several texts share."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
+from typing import Any
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.plan import PlanStep
@@ -46,3 +48,19 @@ def uncovered_text(pruned: float, allocation: str, *, account_pruned: bool) -> s
     if covered or pruned < LEAST:
         return ""
     return f"{percent(pruned)} of the prediction is not covered by epsilon: pruned and not charged by {allocation}"
+
+
+def uncovered_of_run(manifest: Mapping[str, Any], pruned: Iterable[float]) -> str:
+    """Return what epsilon does not cover at any decision of a run, in words; empty where all is covered.
+
+    Args:
+        manifest: of the run or of its cell; its `parameters` name the risk rule.
+        pruned: the largest pruned probability of any vehicle, of each decision.
+    """
+    parameters = manifest.get("parameters") or {}
+    most = max((value for value in pruned if math.isfinite(value)), default=0.0)
+    rule = parameters.get("risk_allocation")
+    if rule is None:
+        return ""
+    told = uncovered_text(most, str(rule), account_pruned=bool(parameters.get("account_pruned")))
+    return f"up to {told}" if told else ""

@@ -12,7 +12,7 @@ import pandas as pd
 
 from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
-from sumo_hmdp.domain.plan import Decision
+from sumo_hmdp.domain.plan import Decision, SharesRisk
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.sim.episode import Moment, TraceHash
@@ -30,6 +30,7 @@ DECISION_COLUMNS = {
     "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
+    "risk_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -265,6 +266,19 @@ class Recorder:
                         "distance_m": bound.distance,
                     }
                     for bound in (() if evidence is None else evidence.bounds())
+                ]
+            ),
+            "risk_json": json.dumps(
+                [
+                    {
+                        "vehicle_id": share.vehicle_id,
+                        "total": share.total,
+                        "parts": share.parts,
+                        "step": share.step,
+                        "cause": None if share.cause is None else str(share.cause),
+                        "reason": share.reason,
+                    }
+                    for share in (evidence.risk_shares() if isinstance(evidence, SharesRisk) else ())
                 ]
             ),
         }
