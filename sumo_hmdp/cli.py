@@ -225,10 +225,31 @@ def summary_table(record: "RunRecord") -> "Table":
         if (share := record.row[f"{name}_share"]) is not None
     )
     table.add_row("statuses", shares or ("rule" if record.row["decision_count"] else "none"))
+    for name, told in (("risk of plans", risk_text(record)), ("not covered", uncovered_text_of(record))):
+        if told:
+            table.add_row(name, told)
     if not record.row["reproducible"]:
         table.add_row("not reproducible", "the deadline was enforced: results depend on the machine's speed")
     table.add_row("trace hash", record.row["trace_hash"][:16])
     return table
+
+
+def risk_text(record: "RunRecord") -> str:
+    """Return the risk that optimal plans took, in words; empty where none is computed."""
+    from sumo_hmdp.report.short import percent
+
+    decisions, asked = record.decisions, record.manifest["risk_level"]
+    taken = decisions.loc[decisions["status"] == "optimal", "risk_taken"].dropna()
+    if not len(taken) or asked is None:
+        return ""
+    return f"{percent(taken.median())} median, {percent(taken.max())} at most, of {percent(asked)} (optimal plans)"
+
+
+def uncovered_text_of(record: "RunRecord") -> str:
+    """Return what epsilon does not cover of the prediction, in words; empty where all is covered."""
+    from sumo_hmdp.report.short import uncovered_of_run
+
+    return uncovered_of_run(record.manifest, record.decisions["pruned_prob"])
 
 
 for commands in (cli_watch, cli_replay, cli_study, cli_report, cli_compare, cli_check, cli_decide, cli_planner):

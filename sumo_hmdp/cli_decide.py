@@ -32,6 +32,10 @@ def decide(
     figure: Annotated[
         Path | None, typer.Option(help="Draw the decision, lanes over time: .svg, .png or .pdf. Takes a single file.")
     ] = None,
+    frontier: Annotated[
+        Path | None,
+        typer.Option(help="Draw cost over risk of the plans, under `joint`: .svg, .png or .pdf. Takes a single file."),
+    ] = None,
 ) -> None:
     """Solve decision problems from files; one line of JSON each, in the order of the files.
 
@@ -41,8 +45,9 @@ def decide(
     Examples, after `sumo-hmdp run case2 --dump-decisions`:
     - `sumo-hmdp decide results/decision_files/case2-hmdp_mpc-eps0.05-seed0/0010.json`
     - `sumo-hmdp decide problem.json --explain --figure why.svg`
+    - `sumo-hmdp decide problem.json --frontier frontier.svg`
 
-    No file comes out but the figure; docs/decision-files.md has the form of the files.
+    No files come out but the figures; docs/decision-files.md has the form of the files.
     """
     from sumo_hmdp.decision.decide import SOLVERS, answer
     from sumo_hmdp.decision.problem_file import answer_document, read_problem
@@ -50,8 +55,9 @@ def decide(
 
     if solver not in SOLVERS:
         raise InputError([f"--solver: must be a known solver, got {solver!r}; {nearest(solver, SOLVERS)}"])
-    if figure is not None:
-        _require_drawable(figure, len(files))
+    for option, path in (("--figure", figure), ("--frontier", frontier)):
+        if path is not None:
+            _require_drawable(path, len(files), option)
     code = 0
     for file in files:
         try:
@@ -74,16 +80,20 @@ def decide(
         sys.stdout.flush()
         if explain or figure is not None:
             _explain(file, problem, found, figure, told=explain)
+        if frontier is not None:
+            from sumo_hmdp.report.figures import write_frontier
+
+            write_frontier(frontier, found)
     raise typer.Exit(code)
 
 
-def _require_drawable(figure: Path, file_count: int) -> None:
+def _require_drawable(figure: Path, file_count: int, option: str) -> None:
     """Refuse a figure that cannot be drawn before anything is solved."""
     from sumo_hmdp.report.figures import figure_path
 
     if file_count > 1:
-        raise InputError([f"--figure: must be given with a single file, got {file_count}. Call once for each file"])
-    figure_path(figure)
+        raise InputError([f"{option}: must be given with a single file, got {file_count}. Call once for each file"])
+    figure_path(figure, option)
 
 
 def _explain(file: Path, problem: "DecisionProblem", found: "Answer", figure: Path | None, *, told: bool) -> None:

@@ -1,5 +1,6 @@
 """One answer taken apart: what was predicted, where the lanes are safe, and why no other first action was taken."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from sumo_hmdp.decision.decide import Answer
 from sumo_hmdp.decision.distance import safe_clearance
+from sumo_hmdp.decision.explain_risk import ExplainedRisk, explain_risk, risky_stretches
 from sumo_hmdp.decision.first_actions import FirstAction, first_actions
 from sumo_hmdp.decision.occupancy import occupied_lanes
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
@@ -63,8 +65,8 @@ class Bound:
 
     Attributes:
         x: where it is [m].
-        vehicle_id: whose branch it keeps off; `stop line` where it is one.
-        rank: of that branch; 0 for a stop line.
+        vehicle_id: whose branch it keeps off; `stop line` where it is one, empty where the risk of all vehicles is.
+        rank: of that branch; 0 for a stop line and for risk.
         mean: of that branch [m].
         distance: the safe distance without the margin [m].
         margin: of that branch [m].
@@ -109,6 +111,7 @@ class ExplainedLane:
         lane: its number.
         reachable: whether the ego can intend it by then, traffic aside.
         windows: from behind; one more than there are forbidden stretches. Beyond a stop line the last is at infinity.
+            Under `joint` they are where being at that step alone risks at most epsilon.
     """
 
     lane: int
@@ -145,6 +148,7 @@ class Explanation:
         vehicles: the prediction, in the order of the problem.
         steps: the windows.
         actions: the nine first actions.
+        risk: of the plan; None under a rule that does not compute it.
     """
 
     problem: DecisionProblem
@@ -152,6 +156,7 @@ class Explanation:
     vehicles: tuple[ExplainedVehicle, ...]
     steps: tuple[ExplainedStep, ...]
     actions: tuple[FirstAction, ...]
+    risk: ExplainedRisk | None = None
 
     @property
     def chosen(self) -> FirstAction:
@@ -163,7 +168,7 @@ def explain(problem: DecisionProblem, answer: Answer) -> Explanation:
     """Explain an answer.
 
     The first actions are solved anew, by the search, whatever solver answered. Its effort grows with the number of
-    mode sequences, about 2.4 to the power of the horizon.
+    mode sequences, about 2.4 to the power of the horizon; under `joint` with the number of motions, its square.
 
     Args:
         problem: the decision problem.
@@ -180,6 +185,7 @@ def explain(problem: DecisionProblem, answer: Answer) -> Explanation:
         vehicles=_vehicles(problem, answer, order),
         steps=_steps(problem, answer, _ranks(answer.branches, order)),
         actions=actions,
+        risk=explain_risk(answer),
     )
 
 
@@ -223,28 +229,59 @@ def _vehicles(problem: DecisionProblem, answer: Answer, order: list[IntArray]) -
 
 
 def _steps(problem: DecisionProblem, answer: Answer, ranks: IntArray) -> tuple[ExplainedStep, ...]:
-    occupied = occupied_lanes(problem, answer.branches)
-    tree = mode_tree(answer.lattice, problem.ego.mode)[1:]
+    speeds = [answer.plan[k].speed if answer.plan else problem.ego.speed for k in range(problem.settings.horizon_steps)]
+    windows = _windows_by_risk(answer, speeds) if answer.choice else _windows_by_margin(answer, ranks, speeds)
     steps = []
-    for k, prefixes in enumerate(tree):
-        speed = answer.plan[k].speed if answer.plan else problem.ego.speed
-        bounds = _bounds(problem, answer, ranks, k, speed)
-        reachable = {state.lane for state in answer.corridors.states[k + 1]}
-        lanes = tuple(
-            ExplainedLane(
-                lane,
-                lane in reachable,
-                _windows([*(bounds[row] for row in np.flatnonzero(mine)), *_line_bounds(problem, lane)]),
-            )
-            for lane, mine in enumerate(occupied[:, k].T, start=1)
-        )
-        points = prefixes.point
-        reach = None
-        if len(points):
-            least, greatest = float(points.min()), float(points.max())
-            reach = answer.lattice.position_at(k + 1, least), answer.lattice.position_at(k + 1, greatest)
-        steps.append(ExplainedStep(k + 1, (k + 1) * problem.settings.period, speed, reach, lanes))
+    for k, (reach, reachable) in enumerate(_reaches(problem, answer)):
+        lanes = tuple(ExplainedLane(lane, lane in reachable, found) for lane, found in enumerate(windows[k], start=1))
+        steps.append(ExplainedStep(k + 1, (k + 1) * problem.settings.period, speeds[k], reach, lanes))
     return tuple(steps)
+
+
+def _reaches(problem: DecisionProblem, answer: Answer) -> Iterator[tuple[tuple[float, float] | None, set[int]]]:
+    """Yield how far the ego can get by each step, and which lanes it can intend, traffic aside."""
+    if answer.choice is not None:
+        for step in answer.choice.model.graph.steps:
+            ends = (float(step.x.min()), float(step.x.max())) if len(step.x) else None
+            yield ends, set(step.lanes.lane.tolist())
+        return
+    for k, prefixes in enumerate(mode_tree(answer.lattice, problem.ego.mode)[1:]):
+        reach = None
+        if len(prefixes.point):
+            least, greatest = float(prefixes.point.min()), float(prefixes.point.max())
+            reach = answer.lattice.position_at(k + 1, least), answer.lattice.position_at(k + 1, greatest)
+        yield reach, {state.lane for state in answer.corridors.states[k + 1]}
+
+
+def _windows_by_margin(answer: Answer, ranks: IntArray, speeds: list[float]) -> list[list[tuple[Window, ...]]]:
+    """Return the windows of each step and lane that keep every distance with its margin."""
+    problem = answer.situation.problem
+    occupied, found = occupied_lanes(problem, answer.branches), []
+    for k, speed in enumerate(speeds):
+        bounds = _bounds(problem, answer, ranks, k, speed)
+        found.append(
+            [
+                _windows([*(bounds[row] for row in np.flatnonzero(mine)), *_line_bounds(problem, lane)])
+                for lane, mine in enumerate(occupied[:, k].T, start=1)
+            ]
+        )
+    return found
+
+
+def _windows_by_risk(answer: Answer, speeds: list[float]) -> list[list[tuple[Window, ...]]]:
+    """Return the windows of each step and lane in which being at that step alone risks at most epsilon."""
+    return [
+        [
+            _windows([*(_ends(*ends) for ends in risky), *_line_bounds(answer.situation.problem, lane)])
+            for lane, risky in enumerate(lanes, start=1)
+        ]
+        for lanes in risky_stretches(answer, speeds)
+    ]
+
+
+def _ends(low: float, high: float) -> tuple[Bound, Bound]:
+    """Return the ends of a stretch that no single vehicle makes."""
+    return Bound(low, "", 0, low, 0.0, 0.0), Bound(high, "", 0, high, 0.0, 0.0)
 
 
 def _bounds(

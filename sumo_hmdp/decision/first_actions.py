@@ -1,7 +1,7 @@
 """What each of the nine first actions of the ego would lead to, and why it was not taken.
 
 Each is solved exactly: the best plan that begins with it, else the least violation among those that do, else the
-contact that ends them all.
+contact that ends them all. Under `joint` the best plan is the cheapest whose risk is within epsilon.
 """
 
 from collections.abc import Iterator
@@ -13,20 +13,21 @@ from sumo_hmdp.decision.contacts import Contact, first_contact
 from sumo_hmdp.decision.corridors import Corridors, carve, clearances
 from sumo_hmdp.decision.cost import objective
 from sumo_hmdp.decision.decide import Answer, Shortfall, make_plan, violation_of
+from sumo_hmdp.decision.forced import choose_beginning
 from sumo_hmdp.decision.problem import DecisionProblem, ManeuverSequence
 from sumo_hmdp.decision.road_rules import banned_moves, keeps_rules, top_speeds
 from sumo_hmdp.decision.search import search_best, search_relaxed
 from sumo_hmdp.decision.stop_lines import place_of
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.domain.plan import PlanStep
+from sumo_hmdp.domain.plan import PlanStep, Status
 
 
 class Verdict(StrEnum):
     """What a first action can lead to.
 
-    FEASIBLE: a plan that keeps every distance.
-    SHORT: plans without contact, none of which keeps every distance.
-    CONTACT: nothing but contact.
+    FEASIBLE: a plan that keeps every distance; under `joint` one whose risk is within epsilon.
+    SHORT: plans without contact, none of which keeps every distance, or the risk.
+    CONTACT: nothing but contact; under `joint` nothing where contact is unlikely.
     INADMISSIBLE: nothing at all; the ego may not do this.
     """
 
@@ -51,6 +52,7 @@ class FirstAction:
         worst: the worst distance of its best plan, None where every distance is kept or there is no plan.
         contact: what ends every plan, None unless the verdict is contact.
         plan: its best plan; the answer's own where it is chosen, since others may be as good.
+        risk: of its best plan, None where it has none; only under `joint`.
     """
 
     lateral: Lateral
@@ -63,6 +65,7 @@ class FirstAction:
     worst: Shortfall | None = None
     contact: Contact | None = None
     plan: tuple[PlanStep, ...] = ()
+    risk: float | None = None
 
 
 def first_actions(problem: DecisionProblem, answer: Answer) -> tuple[FirstAction, ...]:
@@ -102,6 +105,8 @@ class _Judge:
         if objections:
             return replace(action, reason="; ".join(objections))
         first = lateral, mode
+        if answer.situation.joint:
+            return self._by_risk(action, first)
         sequence = search_best(problem, answer.lattice, answer.corridors, first)
         if sequence is not None:
             return self._with_plan(replace(action, verdict=Verdict.FEASIBLE), sequence)
@@ -110,6 +115,24 @@ class _Judge:
             return self._with_plan(replace(action, verdict=Verdict.SHORT), sequence)
         contact = first_contact(problem, answer, first)
         return replace(action, verdict=Verdict.CONTACT, reason=str(contact), contact=contact)
+
+    def _by_risk(self, action: FirstAction, first: tuple[Lateral, Mode]) -> FirstAction:
+        """Judge one first action by the risk of the plans that begin with it (docs/formulation.md, eq. 41)."""
+        choice, level = choose_beginning(self.answer.situation, first), self.problem.settings.risk_level
+        if choice.plan is None or choice.sequence is None:
+            reason = f"contact with a probability of up to {100 * choice.risk.contact:.3g} %"
+            return replace(action, verdict=Verdict.CONTACT, reason=reason, risk=choice.risk.taken)
+        short = choice.status is Status.RELAXED
+        plan = make_plan(self.problem, self.answer.lattice, choice.sequence)
+        return replace(
+            action,
+            verdict=Verdict.SHORT if short else Verdict.FEASIBLE,
+            reason=f"no plan risks less than {100 * choice.risk.least:.3g} %, of {100 * level:g} %" if short else "",
+            objective=choice.plan.cost,
+            violation=choice.metres,
+            plan=self.answer.plan if action.chosen and self.answer.plan else plan,
+            risk=choice.risk.taken,
+        )
 
     def _with_plan(self, action: FirstAction, sequence: ManeuverSequence) -> FirstAction:
         problem, answer = self.problem, self.answer

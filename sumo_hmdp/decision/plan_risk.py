@@ -5,9 +5,9 @@ and the one before, and the encounters of `decision/encounters.py`, the risk of 
 
     sum over i of max(0, L_ik(f) N_ik(w) + J_ik(f', f) (passes_ik(u, w) - again_ik(u, w)))
 
-(docs/formulation.md, eq. 40), and the risk of a plan is the sum over its arcs, plus the probability that the prediction
-dropped. By Hunter and Worsley's inequality that is at least the probability of the union, for steps that are
-independent given the places.
+(docs/formulation.md, eq. 40), and the risk of a plan is the sum over its arcs, plus the probability that the
+prediction dropped. By Hunter and Worsley's inequality that is at least the probability of the union, for steps that
+are independent given the places.
 """
 
 from collections.abc import Sequence

@@ -11,6 +11,7 @@ import numpy as np
 from sumo_hmdp.decision.audit import Audit, audit, shifted
 from sumo_hmdp.decision.corridors import forbidden_intervals
 from sumo_hmdp.decision.decide import Answer, answer
+from sumo_hmdp.decision.explain_risk import risk_shares, risky_intervals
 from sumo_hmdp.decision.first_actions import first_actions
 from sumo_hmdp.decision.lane_change_belief import LaneChangeRates, lane_change_policies
 from sumo_hmdp.decision.plan_bounds import plan_bounds
@@ -27,6 +28,7 @@ from sumo_hmdp.domain.plan import (
     PlanBound,
     PredictedBranch,
     PredictedMotion,
+    RiskShare,
     TriedAction,
 )
 from sumo_hmdp.domain.scene import Scene, VehicleState
@@ -263,11 +265,18 @@ class HmdpEvidence:
         )
 
     def forbidden(self) -> tuple[ForbiddenInterval, ...]:
-        """Return what is forbidden in each lane taken alone, at the ego's present speed."""
+        """Return what is forbidden in each lane taken alone, at the ego's present speed.
+
+        Under `joint` that is where the ego would risk more at one step than epsilon allows for all.
+        """
+        if self.answer.situation.joint:
+            return risky_intervals(self.answer)
         return forbidden_intervals(self.problem, self.answer.lattice, self.answer.branches, self.answer.margin)
 
     def bounds(self) -> tuple[PlanBound, ...]:
-        """Return what bounds the plan at each step, ahead and behind."""
+        """Return what bounds the plan at each step, ahead and behind; under `joint` no single distance does."""
+        if self.answer.situation.joint:
+            return ()
         return tuple(plan_bounds(self.problem, self.answer))
 
     def tried(self) -> tuple[TriedAction, ...]:
@@ -276,11 +285,15 @@ class HmdpEvidence:
             return tuple(
                 TriedAction(
                     action.lateral, action.mode, action.chosen, str(action.verdict), action.reason, action.objective,
-                    action.violation,
+                    action.violation, action.risk,
                 )
                 for action in first_actions(self.problem, self.answer)
             )  # fmt: skip
         return ()
+
+    def risk_shares(self) -> tuple[RiskShare, ...]:
+        """Return what each vehicle adds to the risk of the plan."""
+        return risk_shares(self.answer)
 
     def problem_json(self) -> str:
         """Return the problem in its file form."""

@@ -6,8 +6,8 @@ after one period of cruising if it accelerates. So it comes nearer to a vehicle 
     e = max(0, v - u)^2 / (2 accel) + T max(0, v - u) [the ego accelerates]
 
 and the place of the vehicle must be at least d_b + e ahead (docs/formulation.md, eq. 45). What the horizon itself does
-not charge of that is added to the risk of the plan. Without it a higher risk level makes plans that end too fast behind a
-vehicle, and the decisions after them have nothing left that keeps the risk.
+not charge of that is added to the risk of the plan. Without it a higher risk level makes plans that end too fast behind
+a vehicle, and the decisions after them have nothing left that keeps the risk.
 """
 
 from collections.abc import Sequence

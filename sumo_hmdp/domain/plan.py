@@ -140,6 +140,52 @@ class PlanBound:
     distance: float
 
 
+class Cause(StrEnum):
+    """Why a vehicle may come too near to a plan.
+
+    COMES_OVER: it takes up no lane of the plan now, and may change lanes.
+    CHANGES_SPEED: it is in a lane of the plan, and may change its speed.
+    PLACE: it is in a lane of the plan, and may be too near even at its present mode, by where it is or may be.
+    """
+
+    COMES_OVER = "comes_over"
+    CHANGES_SPEED = "changes_speed"
+    PLACE = "place"
+
+
+@dataclass(frozen=True)
+class RiskShare:
+    """What one vehicle adds to the risk of a plan.
+
+    Attributes:
+        vehicle_id: which.
+        total: over the horizon; the sum over all vehicles bounds the probability that any distance falls short.
+        parts: at each step 1..H.
+        step: at which it adds most.
+        cause: why, there; None for a plan that was given up.
+        lane: that it intends now.
+        ahead: whether it is ahead of the ego now.
+    """
+
+    vehicle_id: str
+    total: float
+    parts: tuple[float, ...]
+    step: int
+    cause: Cause | None
+    lane: int
+    ahead: bool
+
+    @property
+    def reason(self) -> str:
+        """The cause in words."""
+        if self.cause is Cause.COMES_OVER:
+            return f"may come over from lane {self.lane}"
+        where = f"{'ahead' if self.ahead else 'behind'} in lane {self.lane}"
+        if self.cause is Cause.CHANGES_SPEED:
+            return f"{where}, may {'brake' if self.ahead else 'accelerate'}"
+        return where if self.cause is None else f"{where}, may be too near in its present mode"
+
+
 @dataclass(frozen=True)
 class TriedAction:
     """One first action that could be taken instead of the decision's, or the decision's own.
@@ -153,6 +199,7 @@ class TriedAction:
         reason: why its best plan is not feasible, in words; empty where it is.
         objective: cost of its best plan, None where it has none.
         violation: total violation of its best plan [m], None where it has none.
+        risk: of its best plan, None where it has none or the risk of plans is not computed.
     """
 
     lateral: Lateral
@@ -162,6 +209,7 @@ class TriedAction:
     reason: str
     objective: float | None
     violation: float | None
+    risk: float | None = None
 
 
 @dataclass(frozen=True)
@@ -277,6 +325,15 @@ class Foretells(Protocol):
 
     def prediction(self) -> tuple[PredictedMotion, ...]:
         """Return the whole prediction of each vehicle."""
+        ...
+
+
+@runtime_checkable
+class SharesRisk(Protocol):
+    """Evidence that can also tell from whom the risk of the plan comes; a planner need not offer it."""
+
+    def risk_shares(self) -> tuple[RiskShare, ...]:
+        """Return what each vehicle adds, the most first; empty where the risk of plans is not computed."""
         ...
 
 

@@ -1,47 +1,38 @@
 """An explanation as text for a terminal, at most 100 columns wide."""
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator
 
 from sumo_hmdp.decision.explain import Bound, ExplainedLane, ExplainedStep, ExplainedVehicle, Explanation, Window
 from sumo_hmdp.decision.first_actions import FirstAction, Verdict
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE
-from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.domain.plan import PlanStep
+from sumo_hmdp.report.explain_risk_text import risk_lines
+from sumo_hmdp.report.short import percent, short_plan, short_sequence, uncovered_text
 
 # How many branches of a vehicle are told one by one.
 BRANCHES_SHOWN = 4
 WIDTH = 100
 ROUNDING = 1e-12
-_LATERAL_SIGN = {Lateral.LEFT: "L", Lateral.KEEP: "K", Lateral.RIGHT: "R"}
-_MODE_SIGN = {Mode.ACCELERATE: "+", Mode.CRUISE: "0", Mode.DECELERATE: "-"}
 _MERIT = list(Verdict)
 
 
 def explanation_text(explanation: Explanation, title: str = "") -> str:
     """Return an explanation as lines of text: the answer, the first actions, the prediction, the windows.
 
+    Under `joint` the risk of the plan takes the place of the last two, since no single distance bounds a plan.
+
     Args:
         explanation: what to tell.
         title: first line, such as the file's name; may be empty.
     """
-    blocks = [_answer(explanation), _actions(explanation), _prediction(explanation), _windows(explanation)]
+    why = (
+        [_prediction(explanation), _windows(explanation)]
+        if explanation.risk is None
+        else [risk_lines(explanation, explanation.risk)]
+    )
+    blocks = [_answer(explanation), _actions(explanation), *why]
     parts = ["\n".join(block) for block in blocks]
     return "\n\n".join([title, *parts] if title else parts) + "\n"
-
-
-def short_sequence(maneuvers: Sequence[tuple[Lateral, Mode]]) -> str:
-    """Return a sequence of maneuvers in short, such as `R+ K0*3`: right and accelerate, three times keep and cruise."""
-    runs = ((pair, len(list(run))) for pair, run in groupby(maneuvers))
-    return " ".join(
-        f"{_LATERAL_SIGN[lateral]}{_MODE_SIGN[mode]}{f'*{count}' if count > 1 else ''}"
-        for (lateral, mode), count in runs
-    )
-
-
-def _plan(plan: Sequence[PlanStep]) -> str:
-    return short_sequence([(step.lateral, step.mode) for step in plan])
 
 
 def _answer(explanation: Explanation) -> Iterator[str]:
@@ -56,7 +47,10 @@ def _answer(explanation: Explanation) -> Iterator[str]:
     )
     if answer.objective is not None and answer.violation is not None:
         missing = f", {answer.violation:.2f} m missing in all" if answer.violation else ""
-        yield from _folded(f"  plan: {_plan(answer.plan)}, cost {answer.objective:.3f}{missing}", "    ")
+        yield from _folded(f"  plan: {short_plan(answer.plan)}, cost {answer.objective:.3f}{missing}", "    ")
+    uncovered = uncovered_text(answer.pruned, str(settings.risk_allocation), account_pruned=settings.account_pruned)
+    if uncovered:
+        yield f"  {uncovered}"
     if answer.brake is not None:
         yield f"  brakes in lane with {answer.brake:.2f} m/s2"
     yield "  In sequences: L left, K keep, R right; + accelerate, 0 cruise, - decelerate; *3 three times."
@@ -64,15 +58,17 @@ def _answer(explanation: Explanation) -> Iterator[str]:
 
 def _actions(explanation: Explanation) -> Iterator[str]:
     yield "First actions, each with the best plan that begins with it (* chosen)"
-    yield f"    {'lateral':<8}{'mode':<11}{'cost':>10}{'more':>10}{'missing m':>11}  plan, or why there is none"
+    measure = "missing m" if explanation.risk is None else "risk"
+    yield f"    {'lateral':<8}{'mode':<11}{'cost':>10}{'more':>10}{measure:>11}  plan, or why there is none"
     for action in sorted(explanation.actions, key=_merit):
         start = f"  {'*' if action.chosen else ' '} {action.lateral.label:<8}{action.mode.label:<11}"
         if action.objective is None or action.violation is None:
             yield from _folded(f"{start}{'':>31}  {action.reason}", " " * 56)
             continue
         more = _more(explanation.chosen, action)
+        measured = f"{action.violation:.2f}" if action.risk is None else percent(action.risk)
         yield from _folded(
-            f"{start}{action.objective:>10.3f}{more:>10}{action.violation:>11.2f}  {_plan(action.plan)}", " " * 56
+            f"{start}{action.objective:>10.3f}{more:>10}{measured:>11}  {short_plan(action.plan)}", " " * 56
         )
         if action.reason:
             yield from _folded(f"{'':>56}{action.reason}", " " * 56)

@@ -9,6 +9,8 @@ from sumo_hmdp.decision.occupancy import start_state, sweep_steps
 
 # Room around where the ego can be, as a multiple of the longest distance to keep, and at least so much [m].
 ROOM, LEAST_ROOM = 1.25, 12.0
+# The same under `joint`, where no single distance bounds what is shown [m].
+ROOM_BY_RISK = 40.0
 # Places that differ by less are one place in a figure [m].
 RESOLUTION = 1e-3
 
@@ -124,7 +126,7 @@ def decision_view(explanation: Explanation) -> View:
     """Return axes that hold all that the ego can reach, and whatever can be in its way."""
     settings = explanation.problem.settings
     reach = [0.0]
-    room = LEAST_ROOM
+    room = LEAST_ROOM if explanation.risk is None else ROOM_BY_RISK
     for step in explanation.steps:
         if step.reach is not None:
             reach += [relative(explanation, step.step, end) for end in step.reach]

@@ -13,9 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from sumo_hmdp.decision.decide import Answer
 from sumo_hmdp.decision.explain import Explanation
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.report.figure_data import decision_view, ego_path, lane_view
+from sumo_hmdp.report.frontier import frontier_figure
 from sumo_hmdp.report.lane_panel import (
     FORBIDDEN_COLOR,
     HATCH_COLOR,
@@ -29,6 +31,7 @@ from sumo_hmdp.report.lane_panel import (
     draw_track,
     look_of,
 )
+from sumo_hmdp.report.short import percent
 
 FORMATS = (".svg", ".png", ".pdf")
 # A file tells when it was written unless it is asked not to.
@@ -41,18 +44,22 @@ METADATA: dict[str, dict[str, Any]] = {
 LEGEND_WIDTH = 22
 
 
-def figure_path(path: Path) -> Path:
+def figure_path(path: Path, option: str = "--figure") -> Path:
     """Return a path to draw to, if its suffix is one of `FORMATS` and its folder exists.
+
+    Args:
+        path: the path.
+        option: of the command line that names it, for the messages.
 
     Raises:
         InputError: if not.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(
-            [f"--figure: must end in .svg, .png or .pdf, got {str(path)!r}. Give it one of these suffixes"]
+            [f"{option}: must end in .svg, .png or .pdf, got {str(path)!r}. Give it one of these suffixes"]
         )
     if not path.parent.is_dir():
-        raise InputError([f"--figure: must be in a folder that exists, got {str(path)!r}. Make {path.parent} first"])
+        raise InputError([f"{option}: must be in a folder that exists, got {str(path)!r}. Make {path.parent} first"])
     return path
 
 
@@ -66,13 +73,35 @@ def write_decision_figure(path: Path, explanation: Explanation) -> None:
     Raises:
         InputError: if the suffix is another one or the file cannot be written.
     """
-    figure_path(path)
     with _style():
-        figure = decision_figure(explanation)
-        try:
-            figure.savefig(path, dpi=200, metadata=METADATA[path.suffix.lower()])
-        except OSError as error:
-            raise InputError([f"--figure: {path} cannot be written: {error.strerror}. Check its permissions"]) from None
+        save_figure(decision_figure(explanation), path)
+
+
+def write_frontier(path: Path, answer: Answer) -> None:
+    """Draw the costs and risks of the plans of one decision to a file; the same answer gives the same bytes.
+
+    Args:
+        path: its suffix chooses the format, one of `FORMATS`.
+        answer: under `joint`.
+
+    Raises:
+        InputError: if the suffix is another one, the file cannot be written, or the risk of plans is not computed.
+    """
+    with _style():
+        save_figure(frontier_figure(answer), path, "--frontier")
+
+
+def save_figure(figure: Figure, path: Path, option: str = "--figure") -> None:
+    """Write a figure to a file.
+
+    Raises:
+        InputError: if the file cannot be written.
+    """
+    figure_path(path, option)
+    try:
+        figure.savefig(path, dpi=200, metadata=METADATA[path.suffix.lower()])
+    except OSError as error:
+        raise InputError([f"{option}: {path} cannot be written: {error.strerror}. Check its permissions"]) from None
 
 
 def _style() -> AbstractContextManager[None]:
@@ -127,6 +156,8 @@ def _title(explanation: Explanation) -> str:
         told += f", cost {answer.objective:.2f}"
     if answer.violation:
         told += f", {answer.violation:.2f} m missing"
+    if explanation.risk is not None:
+        told += f", risk {percent(explanation.risk.taken)} of {percent(explanation.risk.level)}"
     if answer.brake is not None:
         told += f", brakes in lane with {answer.brake:.1f} m/s\N{SUPERSCRIPT TWO}"
     return told
@@ -157,10 +188,13 @@ def _legend(explanation: Explanation, in_view: set[str]) -> list[Line2D | Patch]
         entries.append(line("still over the lane", color="black", marker="o", markerfacecolor="white", linestyle=""))
     if _changes_lane(explanation, in_view):
         entries.append(line("entering the lane", color="black", linewidth=2.4, linestyle=(0, (1.6, 1.0))))
+    near = (
+        "too near" if explanation.risk is None else f"risk above {percent(explanation.risk.level)},\nby one step alone"
+    )
     entries += [
         Patch(facecolor=REACH_COLOR, edgecolor=REACH_EDGE, linewidth=0.5, label="safe, within reach"),
         Patch(facecolor=SAFE_COLOR, edgecolor="none", label="safe, out of reach"),
-        Patch(facecolor=FORBIDDEN_COLOR, edgecolor=HATCH_COLOR, linewidth=0.5, hatch="/////", label="too near"),
+        Patch(facecolor=FORBIDDEN_COLOR, edgecolor=HATCH_COLOR, linewidth=0.5, hatch="/////", label=near),
     ]
     for index, vehicle in enumerate(explanation.vehicles):
         if vehicle.id not in in_view:
@@ -169,9 +203,10 @@ def _legend(explanation: Explanation, in_view: set[str]) -> list[Line2D | Patch]
         entries.append(line(vehicle.id, color=color, marker=marker, markersize=3.6, linewidth=1.1))
     if in_view:
         entries += [
-            line("means, fainter\nif less likely", color="0.4", linewidth=1.1, marker="s", markersize=3.6, alpha=0.4),
-            line("margin either way", color="0.4", marker="|", markersize=9, linestyle=""),
+            line("means, fainter\nif less likely", color="0.4", linewidth=1.1, marker="s", markersize=3.6, alpha=0.4)
         ]
+    if in_view and explanation.risk is None:
+        entries.append(line("margin either way", color="0.4", marker="|", markersize=9, linestyle=""))
     away = ", ".join(vehicle.id for vehicle in explanation.vehicles if vehicle.id not in in_view)
     if away:
         entries.append(line(fill(f"out of view: {away}", LEGEND_WIDTH), linestyle=""))

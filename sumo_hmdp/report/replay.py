@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from sumo_hmdp.report.replay_data import replay_data
 from sumo_hmdp.report.replay_summary import summarize
+from sumo_hmdp.report.short import uncovered_of_run
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,6 +29,7 @@ _SCRIPTS = (
     "replay_vehicles.js",
     "replay_plots.js",
     "replay_bounds.js",
+    "replay_risk.js",
     "replay_actions.js",
     "replay_notes.js",
     "replay_timeline.js",
@@ -68,6 +70,7 @@ def render_replay(manifest: dict[str, Any], steps: "pd.DataFrame", decisions: "p
         summary=summary,
         has_steps=bool(data["times_s"]),
         has_decisions=bool(data["decisions"]),
+        uncovered=uncovered_of_run(manifest, [d["pruned_prob"] or 0.0 for d in data["decisions"]]),
         parameters=[row for row in _flat(manifest) if row[0] not in _HEADLINE_KEYS],
         data=_embedded(data),
         styles=_asset(_STYLES),

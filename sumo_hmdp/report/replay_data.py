@@ -49,8 +49,10 @@ DECISION_COLUMNS = (
     "branches_json",
     "forbidden_json",
 )
-BOUNDS, ACTIONS = "bounds_json", "actions_json"
-_KEY_OF = {BOUNDS: "bounds", ACTIONS: "actions"}
+BOUNDS, ACTIONS, RISK = "bounds_json", "actions_json", "risk_json"
+_KEY_OF = {BOUNDS: "bounds", ACTIONS: "actions", RISK: "risk"}
+# Only where the planner bounds the risk of whole plans; null elsewhere, and in results of earlier versions.
+_RISK_DECIMALS = {"risk_taken": 10, "risk_least": 10, "contact_risk": 10}
 # Decimals kept: millimetres for lengths, finer where a display derives from the number.
 _DECIMALS = {"x_m": 3, "y_m": 3, "heading_rad": 5, "speed_mps": 4, "accel_mps2": 4}
 _DECISION_DECIMALS = {"objective": 6, "violation_m": 6, "solve_time_ms": 3, "pruned_prob": 8}
@@ -80,6 +82,7 @@ def replay_data(manifest: Mapping[str, Any], steps: "pd.DataFrame", decisions: "
         "ego_id": EGO_ID,
         "lanes": {"count": int(manifest["lanes"]["count"]), "width_m": float(manifest["lanes"]["width_m"])},
         "period_s": _number(manifest.get("period_s"), _TIME_DECIMALS),
+        "risk_level": _number(manifest.get("risk_level"), 10),
         "times_s": times,
         "vehicles": _vehicles(steps, times),
         "conflicts": conflicts(steps),
@@ -147,15 +150,15 @@ def decision_records(decisions: "pd.DataFrame") -> list[dict[str, Any]]:
         return []
     problems: list[Problem] = []
     # Results of before the bounds were written say nothing of them; the other first actions stand in no results.
-    unknown = [name for name in (BOUNDS, ACTIONS) if name not in decisions.columns]
+    unknown = [name for name in (*_KEY_OF, *_RISK_DECIMALS) if name not in decisions.columns]
     decisions = decisions.assign(**dict.fromkeys([*unknown, *({NOTES} - set(decisions.columns))]))
     records = [
         _decision(row, f"decisions[{position}]", problems)
-        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, BOUNDS, ACTIONS, NOTES)))
+        for position, row in enumerate(_rows(decisions, (*DECISION_COLUMNS, *_KEY_OF, *_RISK_DECIMALS, NOTES)))
     ]
     if problems:
         raise InputError(problems, source="replay")
-    missing = {_KEY_OF[name]: None for name in unknown}
+    missing = {_KEY_OF[name]: None for name in unknown if name in _KEY_OF}
     records = [record | missing for record in records]
     return sorted(records, key=lambda record: (record["time_s"], record["decision_index"]))
 
@@ -168,9 +171,10 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
         "branch_count": _number(row["branch_count"], 0),
     }
     record |= {name: _text(row[name]) for name in ("status", "reason", "lateral", "mode", "solver")}
-    record |= {name: _number(row[name], decimals) for name, decimals in _DECISION_DECIMALS.items()}
+    numbers = _DECISION_DECIMALS | _RISK_DECIMALS
+    record |= {name: _number(row[name], decimals) for name, decimals in numbers.items()}
     opened = {}
-    for name in ("plan_json", "branches_json", "forbidden_json", BOUNDS, ACTIONS):
+    for name in ("plan_json", "branches_json", "forbidden_json", *_KEY_OF):
         opened[name], problem = _opened(row[name])
         if problem:
             problems.append(Problem(f"{path}.{name}", problem))
@@ -183,12 +187,19 @@ def _decision(row: Mapping[str, Any], path: str, problems: list[Problem]) -> dic
         for entry in opened[BOUNDS]
     ]
     record["actions"] = [
-        _rounded(entry, {"objective": 6, "violation_m": 3}, ("lateral", "mode", "chosen", "verdict", "reason"))
+        _rounded(
+            entry, {"objective": 6, "violation_m": 3, "risk": 10}, ("lateral", "mode", "chosen", "verdict", "reason")
+        )
         for entry in opened[ACTIONS]
     ]
     record["notes"], problem = notes_of(row[NOTES])
     if problem:
         problems.append(Problem(f"{path}.{NOTES}", problem))
+    record["risk"] = [
+        _rounded(entry, {"total": 10}, ("vehicle_id", "step", "cause", "reason"))
+        | {"parts": [_number(part, 10) for part in entry.get("parts", ())]}
+        for entry in opened[RISK]
+    ]
     record["branches"] = [_branch(entry) for entry in opened["branches_json"]]
     record["forbidden"] = [
         {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from sumo_hmdp.metrics.risk_audit import Verdict, violation_rates
+from sumo_hmdp.report.short import uncovered_of_run
 from sumo_hmdp.report.study_data import StudyData
 from sumo_hmdp.report.study_table import StudyTable, each, interval, listed, number
 from sumo_hmdp.report.study_traces import TracedCell
@@ -131,3 +132,15 @@ def audit_sentences(audit: StudyAudit) -> Iterator[str]:
             ]
             yield f"{told[0].upper()}{told[1:]}: {listed(named)}."
     yield from audit.notes
+
+
+def uncovered_sentences(data: StudyData) -> tuple[str, ...]:
+    """Say of each cell what of the prediction its risk level does not cover; nothing where all is covered."""
+    pruned = data.decisions.groupby("run_id")["pruned_prob"].max() if len(data.decisions) else pd.Series(dtype=float)
+    found = []
+    for cell in data.cells:
+        runs = data.ended.loc[data.ended["cell_label"] == cell.label, "run_id"]
+        told = uncovered_of_run(cell.manifest, pruned.reindex(runs).dropna())
+        if told:
+            found.append(f"{cell.label}: {told}.")
+    return tuple(found)

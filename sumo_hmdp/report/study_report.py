@@ -13,7 +13,14 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.report.study_audit import StudyAudit, audit_sentences, audit_step_table, audit_study, audit_table
+from sumo_hmdp.report.study_audit import (
+    StudyAudit,
+    audit_sentences,
+    audit_step_table,
+    audit_study,
+    audit_table,
+    uncovered_sentences,
+)
 from sumo_hmdp.report.study_blame import blame_figure, blame_frame, blame_table
 from sumo_hmdp.report.study_canvas import StudyFigure
 from sumo_hmdp.report.study_data import StudyData, read_study
@@ -119,7 +126,7 @@ def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyRep
     sections = (
         Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
         Section("frontier", "Risk and efficiency", (), tuple(_frontiers(cells, audit)), (cell_table(cells),)),
-        *_risk_sections(audit, traced),
+        *_risk_sections(audit, traced, uncovered_sentences(data)),
         Section(
             "differences", "Differences on common seeds", (), (forest_figure(findings),) if findings else (),
             (pairs_table(findings),), folded=True,
@@ -146,7 +153,7 @@ def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyRep
     return StudyReport(data, verdict, sections, replays.pages)
 
 
-def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell]) -> Iterator[Section]:
+def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell], uncovered: tuple[str, ...]) -> Iterator[Section]:
     """Yield what the plans risked, with the causes of violations, and whether the predictions were right."""
     figures = [risk_figure(audit.plans)] if len(audit.plans) else []
     tables = [audit_table(audit)]
@@ -155,7 +162,8 @@ def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell]) -> Iterator[
         drawn = blame_figure(blame)
         figures += [drawn] if drawn is not None else []
         tables += [audit_step_table(audit), blame_table(blame)]
-    yield Section("risk", "Risk taken over risk asked for", audit.notes, tuple(figures), tuple(tables))
+    notes = (*audit.notes, *uncovered)
+    yield Section("risk", "Risk taken over risk asked for", notes, tuple(figures), tuple(tables))
     found, title = predictions(traced), "Predictions beside what happened"
     if found is None:
         told = "There is nothing to compare: no run kept both predictions and all vehicles (trace: all keeps them)."

@@ -48,6 +48,7 @@ def _row(decision: Decision) -> str:
                 "reason": action.reason,
                 "objective": action.objective,
                 "violation_m": action.violation,
+                "risk": action.risk,
             }
             for action in tried
         ]

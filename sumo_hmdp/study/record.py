@@ -12,7 +12,7 @@ import pandas as pd
 
 from sumo_hmdp.domain.lanes import lanes_at
 from sumo_hmdp.domain.maneuver import Mode
-from sumo_hmdp.domain.plan import Decision, Evidence, Foretells
+from sumo_hmdp.domain.plan import Decision, Evidence, Foretells, SharesRisk
 from sumo_hmdp.domain.scene import EGO_ID, Scene, VehicleState
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.sim.contact import Contact, Side
@@ -31,7 +31,7 @@ DECISION_COLUMNS = {
     "solver": "str", "solve_time_ms": "float64", "pruned_prob": "float64",
     "branch_count": "int64", "ego_x_m": "float64", "ego_y_m": "float64", "ego_speed_mps": "float64", "plan_json": "str",
     "vehicles_json": "str", "branches_json": "str", "forbidden_json": "str", "bounds_json": "str",
-    "notes_json": "str", "prediction_json": "str",
+    "notes_json": "str", "prediction_json": "str", "risk_json": "str",
 }  # fmt: skip
 RUN_COLUMNS = {
     "run_id": "str", "scenario": "str", "planner": "str", "solver": "str", "seed": "int64", "risk_level": "float64",
@@ -303,7 +303,27 @@ class Recorder:
                 ]
             ),
             "prediction_json": _prediction_json(evidence),
+            "risk_json": _risk_json(evidence),
         }
+
+
+def _risk_json(evidence: Evidence | None) -> str:
+    """Return what each vehicle adds to the risk of the plan, the most first."""
+    if not isinstance(evidence, SharesRisk):
+        return "[]"
+    return json.dumps(
+        [
+            {
+                "vehicle_id": share.vehicle_id,
+                "total": share.total,
+                "parts": share.parts,
+                "step": share.step,
+                "cause": None if share.cause is None else str(share.cause),
+                "reason": share.reason,
+            }
+            for share in evidence.risk_shares()
+        ]
+    )
 
 
 def _prediction_json(evidence: Evidence | None) -> str:

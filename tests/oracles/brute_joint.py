@@ -38,6 +38,7 @@ setting = brute_force.setting
 
 # The parts that the sampler and tests look at one by one.
 lateral_law, lateral_sequences = vehicles.lateral_law, vehicles.lateral_sequences
+measured_variance = vehicles.measured_variance
 mode_sequences, mean_path, mode_moves = vehicles.mode_sequences, vehicles.mean_path, vehicles.mode_moves
 
 DISTANCE_SLACK = 1e-6  # metres by which a distance may be missed

@@ -56,3 +56,27 @@ def agreement():
 def joint_risk():
     """The module joint_risk: measure(...), count_violations(...)."""
     return _load("joint_risk")
+
+
+@pytest.fixture(scope="session")
+def brute_joint():
+    """The module brute_joint: solve(problem), plan_risk(problem, plan)."""
+    return _load("brute_joint")
+
+
+@pytest.fixture(scope="session")
+def joint_problems():
+    """The module joint_problems: random_joint_problem(rng, horizon)."""
+    return _load("joint_problems")
+
+
+@pytest.fixture(scope="session")
+def joint_sampler():
+    """The module joint_sampler: sampled_risk(problem, plan, rng, samples)."""
+    return _load("joint_sampler")
+
+
+@pytest.fixture(scope="session")
+def joint_agreement():
+    """The module joint_agreement: disagreements(problem, expected, ways)."""
+    return _load("joint_agreement")

@@ -27,7 +27,8 @@ function showDecision(decision, onStep) {
   badge.dataset.status = decision.status;
   const head = make("div", { className: "decision-head" }, badge, make("b", {}, actionText(decision)));
   const why = decision.reason ? [make("p", { className: "why" }, decision.reason)] : [];
-  box.replaceChildren(head, ...why, make("p", { className: "bound" }, boundText(decision)), ...notesOf(decision), factsOf(decision), planTable(decision, onStep), ...actionsOf(decision));
+  box.replaceChildren(head, ...why, make("p", { className: "bound" }, hasRisk(decision) ? riskText(decision) : boundText(decision)),
+    ...notesOf(decision), factsOf(decision), ...riskTable(decision), planTable(decision, onStep), ...actionsOf(decision));
 }
 
 function actionText(decision) {
@@ -43,8 +44,8 @@ function factsOf(decision) {
     fact("Violation (m)", significant(decision.violation_m)),
     fact("Solve time (ms)", fixed(decision.solve_time_ms, 1)),
     fact("Solver", decision.solver || "–"),
-    fact("Branches", count, ...(subjects ? [make("small", {}, ` of ${subjects} vehicle${subjects > 1 ? "s" : ""}`)] : [])),
-    fact("Pruned prob.", significant(decision.pruned_prob)));
+    fact(hasRisk(decision) ? "Places" : "Branches", count, ...(subjects && !hasRisk(decision) ? [make("small", {}, ` of ${subjects} vehicle${subjects > 1 ? "s" : ""}`)] : [])),
+    fact(hasRisk(decision) ? "Dropped prob." : "Pruned prob.", significant(decision.pruned_prob)));
 }
 
 function planTable(decision, onStep) {
@@ -54,12 +55,13 @@ function planTable(decision, onStep) {
     choose.setAttribute("aria-label", `Show horizon step ${entry.step}`);
     const row = make("tr", {}, make("td", {}, choose), cell(fixed(horizonTime(decision, entry.step), 2)),
       cell(entry.lateral ?? "–", "word"), cell(entry.mode ?? "–", "word"), cell(entry.lane ?? "–"),
-      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)), cell(roomText(decision, entry.step, "behind")), cell(roomText(decision, entry.step, "ahead")));
+      cell(fixed(entry.x_m, 1)), cell(fixed(entry.speed_mps, 1)),
+      ...(hasRisk(decision) ? [cell(riskAt(decision, entry.step))] : [cell(roomText(decision, entry.step, "behind")), cell(roomText(decision, entry.step, "ahead"))]));
     row.dataset.step = entry.step;
     row.addEventListener("click", () => onStep(entry.step));
     return row;
   });
-  const heads = [["Step"], ["t (s)"], ["Lateral", "word"], ["Mode", "word"], ["Lane"], ["x (m)"], ["m/s"], ["Room behind"], ["ahead (m)"]];
+  const heads = [["Step"], ["t (s)"], ["Lateral", "word"], ["Mode", "word"], ["Lane"], ["x (m)"], ["m/s"], ...(hasRisk(decision) ? [["Risk"]] : [["Room behind"], ["ahead (m)"]])];
   const table = make("table", { className: "plan-table" }, headRow(heads), make("tbody", {}, ...rows));
   const scroll = make("div", { className: "scroll", tabIndex: 0 }, table);
   scroll.setAttribute("role", "region");
