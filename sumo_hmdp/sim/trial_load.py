@@ -1,5 +1,6 @@
 """Whether SUMO loads a network, tried in a process of its own: on some broken files SUMO ends the process it is in."""
 
+import faulthandler
 import os
 import tempfile
 import warnings
@@ -41,6 +42,8 @@ def _load_and_exit(command: list[str], output: int) -> None:
     """Load and close in the child, whose words go to a file; it ends without a trace in the parent."""
     code = _REFUSED
     try:
+        # A crash is an answer here: nobody wants its stack.
+        faulthandler.disable()
         os.dup2(output, 1)
         os.dup2(output, 2)
         libsumo.start(command)
