@@ -162,7 +162,10 @@ def of(record, vehicle_id):
 def test_the_page_tells_the_numbers_of_the_runs(page, records):
     planner, rules = records["case2"], records["case2_rule_based"]
     for name, vehicle, papers in (("EV", "ego", (1400, 1250)), ("SV1", "sv1", (1300, 1150))):
-        rows = row_of(page, f"{name} after 45 s")
+        found = row_of(page, f"{name} after 45 s")
+        # The claims of Case 2, the table of its places, the claims of the rules.
+        rows = [found[0], found[2]]
+        assert found[1][1:4] == [found[0][1], found[0][3], found[0][4]]
         for row, record, paper in zip(rows, (planner, rules), papers, strict=True):
             assert row[1] == f"about {paper} m"
             assert row[3] == f"{of(record, vehicle)['x_m'].iloc[-1]:.1f} m"

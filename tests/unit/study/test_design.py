@@ -270,7 +270,8 @@ def test_the_command_line_solver_is_for_all_runs(tmp_path):
 def test_the_studies_on_the_highway(name, cells, rules, seeds):
     design = load_design(find_study(name))
     assert (design.file.name, len(design.seeds)) == (name, seeds)
-    assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * cells + ["idm_mobil"] * rules
+    sumo = ["sumo"] if name == "main" else []
+    assert [cell.ready.planner_name for cell in design.cells] == ["hmdp_mpc"] * cells + ["idm_mobil"] * rules + sumo
 
 
 def test_the_reliability_study_has_18_settings_that_differ(tmp_path):
