@@ -20,7 +20,11 @@ def test_compare_in_words_and_as_json(call, results):
     assert len(lines) == 7
     # Nothing is random in Case 2: nine pairs with the same difference.
     assert lines[0].startswith("- constant is ")
-    assert " m/s slower than hmdp_mpc (95 % interval " in lines[0]
+    # Clopper and Pearson of 0 in 9.
+    assert lines[0].endswith(
+        " m/s slower than hmdp_mpc in each of 9 pairs alike, without spread for a test or an interval; up to 34 % of "
+        "all seeds may do otherwise"
+    )
     assert "too few data: 0 pairs of constant and hmdp_mpc with a share of optimal decisions" in lines[4]
     table = call("compare", results, "--metric", "ttc_min_s", "--metric", "contact_rate").out
     for text in ("hmdp_mpc", "constant", "contact_rate", "0/9 [0, 0.34]"):

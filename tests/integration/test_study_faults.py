@@ -169,8 +169,8 @@ def test_a_damaged_file_is_named_and_its_runs_are_run_again(call, write_study, t
     finished = call(*command)
     assert (finished.code, hash_in(finished.out)) == (0, expected)
     assert len(finished.lines) == 1
-    assert finished.lines[0].startswith(f"{file}: must be a whole Parquet file")
-    assert finished.lines[0].endswith("put aside as .damaged, its runs are run again")
+    assert finished.lines[-1].startswith(f"{file}: must be a whole Parquet file")
+    assert finished.lines[-1].endswith("put aside as .damaged, its runs are run again")
     assert len(sumo_hmdp.load(out).runs) == 4
     assert len(pd.read_parquet(out / "runs")) == 4
 
