@@ -33,7 +33,7 @@ POLITENESS = 0.2
 class LaneChangeRates:
     """Probabilities of starting a change to one side in a period, by the incentive for it.
 
-    The defaults were counted in recorded traffic that no test uses (analysis/13_lane_change_rates.py).
+    The defaults were counted in recorded traffic that no test uses (analysis/16_lane_change_rates.py).
 
     Attributes:
         unsafe: where MOBIL finds the change unsafe, or there is no room; the floor of all rates.
@@ -67,7 +67,9 @@ def lane_change_policies(
         return {}
     others = [other for other in scene.others if other.id in read]
     lanes = [read[other.id].lane for other in others]
-    level = np.maximum(_levels(scene.road, others, lanes, None), _levels(scene.road, others, lanes, scene.ego))
+    level = np.maximum(
+        incentive_levels(scene.road, others, lanes, None), incentive_levels(scene.road, others, lanes, scene.ego)
+    )
     by_level = (rates.unsafe, rates.unwanted, rates.undecided, rates.wanted)
     return {
         other.id: _policy(scene.road.lane_count, lane, by_level[left], by_level[right], rates.unsafe, longitudinal)
@@ -81,6 +83,20 @@ def _policy(lane_count: int, lane: int, left: float, right: float, floor: float,
     other = (floor, 1.0 - 2 * floor, floor)
     here = (left, 1.0 - left - right, right)
     return Policy(tuple(here if row == lane else other for row in range(1, lane_count + 1)), longitudinal)
+
+
+def incentive_levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState) -> IntArray:
+    """Return how much vehicles want to change left and right, 0 (unsafe) to 3 (wanted), (n, 2).
+
+    It is the larger of that with the ego in the scene and that without it.
+
+    Args:
+        road: the lanes.
+        others: the vehicles, n of them.
+        lanes: that each intends.
+        ego: the ego.
+    """
+    return np.maximum(_levels(road, others, lanes, None), _levels(road, others, lanes, ego))
 
 
 def _levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState | None) -> IntArray:
