@@ -159,8 +159,8 @@ def test_mistakes_are_red_on_a_terminal_unless_no_colour_is_wanted(command):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["run", "case2_"], ["case2_literal", "case2_rule_based"]),
-        (["run", "case2", "--planner", "idm"], ["idm_mobil"]),
+        (["run", "case2_"], ["case2_fitted", "case2_literal", "case2_rule_based"]),
+        (["run", "case2", "--planner", "idm"], ["idm_mobil", "idm_mobil_published"]),
         (["study", "mai"], ["main"]),
         (["run", "./my"], ["./my_scenario.yaml"]),
     ],
