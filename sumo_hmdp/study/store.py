@@ -233,7 +233,7 @@ def _rows(folder: Path, table: str, file: Path, runs: pd.DataFrame, run_count: i
     Such rows are there for an instant while a file takes more runs in, and stay if the process is killed in it.
     """
     path, cell = folder / table / file, cell_of(file)
-    if cell is None and not path.exists():
+    if not path.exists() and (cell is None or not (folder / table).exists()):
         return pd.DataFrame()
     frame, count = read_with_count(path)
     if cell is not None and not (count == run_count == len(runs)):
@@ -253,6 +253,9 @@ def _cells(folder: Path, runs: pd.DataFrame, asked: Asked | None) -> dict[str, d
     for cell in dict.fromkeys(runs["cell"]) if "cell" in runs else ():
         content = read_cell(folder, cell) if cell_path(folder, cell).exists() else {}
         labels = asked.cells.get(cell) if asked is not None else None
+        if not content and labels is None and "factors_json" in runs:
+            # Of before labels had a file of their own.
+            labels = json.loads(runs["factors_json"][runs["cell"] == cell].iloc[0])
         cells[cell] = content if labels is None else content | {"factors": dict(labels)}
     return cells
 

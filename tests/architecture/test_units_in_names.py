@@ -55,6 +55,7 @@ OPTIONS = {
     "workers",
     "dask",
     "limit",
+    "retry-failed",
     "dry-run",
     "metric",
     "by",

@@ -21,7 +21,7 @@ def write_cell(folder, name, factors, **columns):
     count = max(len(values) for values in columns.values())
     frame = pd.DataFrame(
         {
-            "run_id": [f"{name}-{seed}" for seed in range(count)],
+            "run_id": [f"{name}-seed{seed}" for seed in range(count)],
             "scenario": "highway",
             "planner": factors["planner"],
             "solver": "search",

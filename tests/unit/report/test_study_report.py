@@ -18,6 +18,7 @@ from sumo_hmdp.report.study_comparison import compare_study
 from sumo_hmdp.report.study_data import baseline_of, named_cells
 from sumo_hmdp.report.study_report import study_report, write_study_report
 from sumo_hmdp.report.study_table import interval, listed, number
+from sumo_hmdp.study.files import read_sealed, write_sealed
 from sumo_hmdp.study.store import page_path
 
 LOW, HIGH, BASE = "hmdp_mpc ε=0.05", "hmdp_mpc ε=0.2", "idm_mobil"
@@ -243,7 +244,9 @@ def test_a_distance_between_bumpers_is_audited_and_an_unknown_one_said(study_by_
     rates = table(folder, "risk").set_index(["cell", "status", "per"])
     assert rates.loc[(HIGH, "optimal", "plan"), ["violation_count", "trial_count"]].tolist() == [1, 6]
     for file in (folder / "cells").glob("*.json"):
-        file.write_text(file.read_text().replace('"distance_rule": "time_headway"', '"distance_rule": "mine"'))
+        content = read_sealed(file, {})
+        text = json.dumps(content).replace('"distance_rule": "time_headway"', '"distance_rule": "mine"')
+        write_sealed(file, json.loads(text))
     verdict = study_report(folder, folder / "r.html").verdict
     told = f"{LOW} cannot be audited: distance_rule must be one of fixed, time_headway, rss for an audit, got mine"
     assert any(sentence.startswith(told) for sentence in verdict)
