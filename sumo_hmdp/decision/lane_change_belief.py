@@ -67,9 +67,7 @@ def lane_change_policies(
         return {}
     others = [other for other in scene.others if other.id in read]
     lanes = [read[other.id].lane for other in others]
-    level = np.maximum(
-        incentive_levels(scene.road, others, lanes, None), incentive_levels(scene.road, others, lanes, scene.ego)
-    )
+    level = incentive_levels(scene.road, others, lanes, scene.ego)
     by_level = (rates.unsafe, rates.unwanted, rates.undecided, rates.wanted)
     return {
         other.id: _policy(scene.road.lane_count, lane, by_level[left], by_level[right], rates.unsafe, longitudinal)

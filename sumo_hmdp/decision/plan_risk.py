@@ -80,7 +80,7 @@ class PlanRisk:
 
     @cached_property
     def arcs(self) -> tuple[FloatArray, ...]:
-        """Risk of each move and arc, (P, A) for each step; at the last with that of its way out (eqs. 40 and 45)."""
+        """Risk of each move and arc, (P, A) for each step; at the last with that of its way out (eqs. 40 and 35)."""
         rows = self._by_arc(self.safe)
         if self.way_out is None:
             return rows

@@ -5,7 +5,7 @@ after one period of cruising if it accelerates. So it comes nearer to a vehicle 
 
     e = max(0, v - u)^2 / (2 accel) + T max(0, v - u) [the ego accelerates]
 
-and the place of the vehicle must be at least d_b + e ahead (docs/formulation.md, eq. 45). What the horizon itself does
+and the place of the vehicle must be at least d_b + e ahead (docs/formulation.md, eq. 35). What the horizon itself does
 not charge of that is added to the risk of the plan. Without it a higher risk level makes plans that end too fast behind
 a vehicle, and the decisions after them have nothing left that keeps the risk.
 """
@@ -26,7 +26,7 @@ from sumo_hmdp.prediction.dynamics import FloatArray
 def way_out_risk(
     problem: DecisionProblem, vehicles: Sequence[PredictedVehicle], last: GraphStep, taken: FloatArray
 ) -> FloatArray:
-    """Return the risk of having no way out, by footprint and motion at the end of the horizon, (U, M) (eq. 45).
+    """Return the risk of having no way out, by footprint and motion at the end of the horizon, (U, M) (eq. 35).
 
     Args:
         problem: the decision problem.

@@ -31,7 +31,7 @@ WORDS = (
 # probabilities, costs and seeds.
 DIMENSIONLESS = {
     "accelerate", "branches", "confidence", "count", "cruise", "decelerate", "exponent", "first", "forbidden_lanes",
-    "goal_lane", "half_width",
+    "contact_risk", "goal_lane", "half_width", "risk_least", "risk_taken", "undecided", "unsafe", "unwanted", "wanted",
     "intended_lane", "keep", "lane", "lanes", "left", "objective", "politeness", "probability", "right",
     "schema_version", "seed", "seeds", "seeds_max", "seeds_min", "step",
     # The numbers of a distribution have the unit of the key that it stands under.
@@ -52,6 +52,7 @@ OPTIONS = {
     "explain",
     "delay-ms",
     "figure",
+    "frontier",
     "workers",
     "dask",
     "limit",

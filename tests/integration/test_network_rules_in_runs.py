@@ -8,6 +8,7 @@ import yaml
 from typer.testing import CliRunner
 
 from sumo_hmdp.cli import app
+from sumo_hmdp.domain.road import Road
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.scenario.load import RunOptions, load_scenario
 from sumo_hmdp.sim.network import read_network

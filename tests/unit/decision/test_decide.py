@@ -323,7 +323,7 @@ def uncertain(threshold, allocation, **changes):
     asked = problem(
         car(80.0, policy=policy), sequence_threshold=threshold, risk_allocation=allocation, risk_level=0.1, **changes
     )
-    return decide.predict(asked.vehicles, asked.settings.prediction()), asked.settings
+    return predict(asked.vehicles, asked.settings.prediction()), asked.settings
 
 
 def test_pruned_probability_is_taken_off():

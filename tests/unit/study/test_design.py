@@ -105,6 +105,8 @@ def test_mistakes_in_named_levels_are_named_where_they_stand(complaints):
             "b d": {"a b": {"lanes": 1}},
         }
     ) == [
+        "factors.b d: must be text of the pattern "
+        "^[A-Za-z0-9_-]+(\\[[0-9]+\\])*(\\.[A-Za-z0-9_-]+(\\[[0-9]+\\])*)*$, got 'b d'",
         "factors.b d.a b: must be text of the pattern ^[A-Za-z0-9_]+$, got 'a b'",
     ]
     found = complaints(
