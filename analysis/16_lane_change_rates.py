@@ -1,8 +1,8 @@
 """How often vehicles start a lane change, by the incentive that the planner sees for it: the rates of its belief.
 
 Reads recorded runs of `highway` with seeds that no study and no test uses, weighs every change of every vehicle
-within 200 m of the ego by the planner's own IDM and MOBIL (`decision/lane_change_belief.py`), and counts the changes that begin
-within the next period of 0.8 s. The first 4 s are left out: nobody changes lanes at the end of the warm-up.
+within 200 m of the ego by the planner's own IDM and MOBIL (`decision/lane_change_belief.py`), and counts the changes
+that begin within the next period of 0.8 s. The first 4 s are left out: nobody changes lanes at the end of the warm-up.
 
     python analysis/16_lane_change_rates.py RESULTS      # a study folder with `trace: all`
 """

@@ -9,7 +9,6 @@ from sumo_hmdp.prediction.distribution import QUANTILES, distributions, mixture_
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.run import execute
 
-
 # So many sequences of modes that they are not all shown.
 MANY_MODES = {"accelerate": 0.04, "cruise": 0.86, "decelerate": 0.1}
 
@@ -18,7 +17,9 @@ MANY_MODES = {"accelerate": 0.04, "cruise": 0.86, "decelerate": 0.1}
 def evidence():
     """The first decision in traffic that prunes something and has more branches than are shown."""
     found = []
-    options = RunOptions(solver="search", seed=1, overrides={"duration_s": 1.0, "traffic.belief.longitudinal_probs": MANY_MODES})
+    options = RunOptions(
+        solver="search", seed=1, overrides={"duration_s": 1.0, "traffic.belief.longitudinal_probs": MANY_MODES}
+    )
     run = load_scenario(find_scenario("highway"), options)
     execute(run, lambda moment: found.append(moment.decision.evidence) if moment.decision else None)
     assert isinstance(found[0], HmdpEvidence)

@@ -96,6 +96,9 @@ def test_a_named_level_sets_several_paths_together(design):
     assert plain.id in {cell.id for cell in found.cells}
 
 
+FACTOR_NAME = r"^[A-Za-z0-9_-]+(\[[0-9]+\])*(\.[A-Za-z0-9_-]+(\[[0-9]+\])*)*$"
+
+
 def test_mistakes_in_named_levels_are_named_where_they_stand(complaints):
     assert complaints(
         factors={
@@ -105,8 +108,7 @@ def test_mistakes_in_named_levels_are_named_where_they_stand(complaints):
             "b d": {"a b": {"lanes": 1}},
         }
     ) == [
-        "factors.b d: must be text of the pattern "
-        "^[A-Za-z0-9_-]+(\\[[0-9]+\\])*(\\.[A-Za-z0-9_-]+(\\[[0-9]+\\])*)*$, got 'b d'",
+        rf"factors.b d: must be text of the pattern {FACTOR_NAME}, got 'b d'",
         "factors.b d.a b: must be text of the pattern ^[A-Za-z0-9_]+$, got 'a b'",
     ]
     found = complaints(
