@@ -41,7 +41,7 @@ class RelaxedOrder(StrEnum):
 
 
 # docs/adr/0046 says which of the two realises less risk in the closed loop.
-RELAXED_ORDER = RelaxedOrder.METRES
+RELAXED_ORDER = RelaxedOrder.RISK
 # A metre that is missing for sure weighs as much as this risk in the second place of either order.
 SECOND_WEIGHT = 1e-3
 

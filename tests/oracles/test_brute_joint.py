@@ -41,6 +41,7 @@ def scene(vehicles=(), *, horizon=1, lanes=2, ego=None, **planner):
             "risk_level": 0.05,
             "risk_allocation": "joint",
             "sequence_threshold": 0.3,
+            "lateral_model": "pd",
             "maneuver_cost": COST,
             "speed_weight": 0.0,
             "desired_speed_mps": 10.0,
