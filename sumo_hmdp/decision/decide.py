@@ -4,14 +4,16 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
+from typing import Protocol
 
 import numpy as np
 
 from sumo_hmdp.decision.corridors import Corridors
 from sumo_hmdp.decision.cost import objective
+from sumo_hmdp.decision.deadline import Deadline
 from sumo_hmdp.decision.distance import counted
 from sumo_hmdp.decision.fallback import braking_demand
-from sumo_hmdp.decision.joint import Choice, Deadline, RiskTaken, choose, risk_reason
+from sumo_hmdp.decision.joint import Choice, RiskTaken, choose, risk_reason
 from sumo_hmdp.decision.lattice import EgoLattice
 from sumo_hmdp.decision.optimiser import DeadlineError, best_sequence, least_violation
 from sumo_hmdp.decision.plan_distances import shortfalls
@@ -26,7 +28,27 @@ from sumo_hmdp.errors import SumoHmdpError
 from sumo_hmdp.prediction.branches import Branches
 from sumo_hmdp.prediction.dynamics import FloatArray
 
-Solver = Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]
+
+class Solver(Protocol):
+    """Solves a decision in its corridors; None where there is no plan."""
+
+    def __call__(
+        self, problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, deadline: Deadline
+    ) -> ManeuverSequence | None:
+        """Return a plan."""
+        ...
+
+
+def _untimed(find: Callable[[DecisionProblem, EgoLattice, Corridors], ManeuverSequence | None]) -> Solver:
+    """Return a solver that is done long before any deadline, as one that takes a deadline."""
+
+    def solve(
+        problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, deadline: Deadline
+    ) -> ManeuverSequence | None:
+        del deadline
+        return find(problem, lattice, corridors)
+
+    return solve
 
 
 @dataclass(frozen=True)
@@ -45,7 +67,7 @@ class SolverPair:
 
 
 MILP = SolverPair("milp", best_sequence, least_violation)
-SEARCH = SolverPair("search", search_best, search_relaxed)
+SEARCH = SolverPair("search", _untimed(search_best), _untimed(search_relaxed))
 PAIRS = {pair.name: pair for pair in (MILP, SEARCH)}
 BOTH = "both"
 SOLVERS = (*PAIRS, BOTH)
@@ -183,13 +205,13 @@ def _answer(problem: DecisionProblem, solver: SolverPair) -> Answer:
     """Predict, tighten, carve, solve; under `joint` predict, weigh, solve."""
     started = time.perf_counter()
     situation = Situation(problem)
-    found = _joint(situation, solver.name, started) if situation.joint else _with_margins(situation, solver)
+    found = _joint(situation, solver.name, started) if situation.joint else _with_margins(situation, solver, started)
     return replace(found, solve_time=time.perf_counter() - started)
 
 
 def _joint(situation: Situation, solver: str, started: float) -> Answer:
     """Answer by the risk of whole plans (docs/formulation.md, eq. 41)."""
-    choice = choose(situation, solver, Deadline(started, situation.problem.settings.period))
+    choice = choose(situation, solver, Deadline.of(situation.problem.settings, started))
     if choice.sequence is None or choice.plan is None:
         failure = f"the best plan ends in contact with a probability of {choice.risk.contact:.0%}"
         return _fallback(situation, failure, solver, choice)
@@ -211,16 +233,17 @@ def _joint(situation: Situation, solver: str, started: float) -> Answer:
     )
 
 
-def _with_margins(situation: Situation, solver: SolverPair) -> Answer:
+def _with_margins(situation: Situation, solver: SolverPair, started: float) -> Answer:
     """Answer by a margin for each distance (docs/formulation.md, eqs. 8 to 15)."""
     problem, lattice = situation.problem, situation.lattice
     failure = "every plan means contact or leaves the speed limits"
     status, sequence = Status.OPTIMAL, None
+    deadline = Deadline.of(problem.settings, started)
     try:
-        sequence = solver.best(problem, lattice, situation.corridors)
+        sequence = solver.best(problem, lattice, situation.corridors, deadline=deadline)
         if sequence is None:
             status = Status.RELAXED
-            sequence = solver.relaxed(problem, lattice, situation.contact_corridors)
+            sequence = solver.relaxed(problem, lattice, situation.contact_corridors, deadline=deadline)
     except DeadlineError:
         failure = f"no plan was known when the deadline of {problem.settings.period:g} s came"
     if sequence is None:

@@ -5,8 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from sumo_hmdp.decision.deadline import Deadline
 from sumo_hmdp.decision.graph import DecisionGraph
-from sumo_hmdp.decision.joint import Choice, Deadline, choose
+from sumo_hmdp.decision.joint import Choice, choose
 from sumo_hmdp.decision.plan_risk import PlanRisk
 from sumo_hmdp.decision.situation import Situation
 from sumo_hmdp.domain.maneuver import Lateral, Mode
@@ -40,7 +41,7 @@ class _BeginningWith(Situation):
 
 def choose_beginning(situation: Situation, first: tuple[Lateral, Mode]) -> Choice:
     """Choose among the plans that begin with an admissible maneuver, by the search (docs/formulation.md, eq. 38)."""
-    return choose(_BeginningWith(situation.problem, situation, first), "search", Deadline(0.0, np.inf))
+    return choose(_BeginningWith(situation.problem, situation, first), "search", Deadline())
 
 
 def beginning_with(graph: DecisionGraph, first: tuple[Lateral, Mode]) -> DecisionGraph:

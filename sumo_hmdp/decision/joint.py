@@ -1,11 +1,11 @@
 """The joint decision: the cheapest plan whose risk is within epsilon, else the least bad one (eq. 41)."""
 
-import time
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
+from sumo_hmdp.decision.deadline import Deadline
 from sumo_hmdp.decision.flow_milp import cheapest_flow
 from sumo_hmdp.decision.graph import sequence_of
 from sumo_hmdp.decision.paths import (
@@ -96,22 +96,6 @@ class Choice:
     model: PlanRisk
 
 
-class Deadline:
-    """One deadline for a whole decision.
-
-    Args:
-        started: when the decision began, by `time.perf_counter` [s].
-        seconds: how long it may take, perhaps infinite [s].
-    """
-
-    def __init__(self, started: float, seconds: float) -> None:
-        self._end = started + seconds
-
-    def left(self) -> float:
-        """Return how much is left, never below a millisecond [s]."""
-        return max(self._end - time.perf_counter(), 1e-3)
-
-
 def choose(situation: Situation, solver: str, deadline: Deadline, *, reduced: bool = True) -> Choice:
     """Choose a plan (docs/formulation.md, eqs. 41 to 43).
 
@@ -152,8 +136,7 @@ def _best(
     if solver == "search":
         return cheapest(risk.graph, cost, resource, budget, bounds), True
     preferences = problem.settings.preferences
-    left = deadline.left() if problem.settings.enforce_deadline else np.inf
-    return cheapest_flow(risk.graph, cost, resource, budget, preferences, reduced=reduced, time_limit=left)
+    return cheapest_flow(risk.graph, cost, resource, budget, preferences, reduced=reduced, time_limit=deadline.left())
 
 
 def _relaxed(situation: Situation, least: float, solver: str, deadline: Deadline, *, reduced: bool) -> Choice:

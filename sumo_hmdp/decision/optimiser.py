@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sumo_hmdp.decision.corridors import Corridors
 from sumo_hmdp.decision.cost import lane_cost, terminal_table
+from sumo_hmdp.decision.deadline import Deadline
 from sumo_hmdp.decision.distance import counted
 from sumo_hmdp.decision.highs import CompiledModel, MilpResult, compile_model, solve
 from sumo_hmdp.decision.lattice import EgoLattice
@@ -49,8 +50,16 @@ class DeadlineError(RuntimeError):
     """An enforced deadline came before any plan was found."""
 
 
-def best_sequence(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
+def best_sequence(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, deadline: Deadline | None = None
+) -> ManeuverSequence | None:
     """Return the cheapest sequence of maneuvers inside the corridors, None where there is none.
+
+    Args:
+        problem: the decision problem.
+        lattice: of its ego.
+        corridors: carved with safe distances.
+        deadline: of the whole decision; None for none.
 
     Raises:
         SolverError: if HiGHS proves neither.
@@ -61,21 +70,19 @@ def best_sequence(problem: DecisionProblem, lattice: EgoLattice, corridors: Corr
     compiled = compile_model(shape_of(problem, lattice, corridors, relaxed=False))
     data = fill(compiled, problem, lattice, corridors)
     start = start_values(compiled, problem, lattice, corridors)
-    return _sequence(compiled, solve(compiled, data, _time_limit(problem), start))
+    return _sequence(compiled, solve(compiled, data, (deadline or Deadline()).left(), start))
 
 
-def _time_limit(problem: DecisionProblem) -> float:
-    """Return how long a solve may take [s]."""
-    return problem.settings.period if problem.settings.enforce_deadline else np.inf
-
-
-def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors) -> ManeuverSequence | None:
+def least_violation(
+    problem: DecisionProblem, lattice: EgoLattice, corridors: Corridors, *, deadline: Deadline | None = None
+) -> ManeuverSequence | None:
     """Return the sequence with the least total violation and, among those, the least cost.
 
     Args:
         problem: the decision problem.
         lattice: of its ego.
         corridors: carved with contact distances; the safe distances are their soft ends.
+        deadline: of the whole decision; None for none.
 
     Returns:
         None where even contact cannot be avoided.
@@ -94,7 +101,7 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
             violation_only[compiled.slots[name]] = 0.0
     violation_only[compiled.slots["violation_factor"]] = 1.0
     violation_only[compiled.slots["violation_cap"]] = np.inf
-    first = solve(compiled, violation_only, _time_limit(problem))
+    first = solve(compiled, violation_only, (deadline or Deadline()).left())
     sequence = _sequence(compiled, first)
     if sequence is None or first.values is None:
         return None
@@ -106,9 +113,9 @@ def least_violation(problem: DecisionProblem, lattice: EgoLattice, corridors: Co
         data[compiled.slots["violation_cap"]] = least + slack / lattice.unit
         # Under so tight a cap HiGHS' presolve may never end, and without it the answer may be "Infeasible", which is
         # wrong, as the first plan is below every cap.
-        second = solve(compiled, data, _time_limit(problem), presolve=False)
+        second = solve(compiled, data, (deadline or Deadline()).left(), presolve=False)
         if second.status == "Infeasible":
-            second = solve(compiled, data, _time_limit(problem), presolve=True)
+            second = solve(compiled, data, (deadline or Deadline()).left(), presolve=True)
         cheapest = None if second.values is None else _sequence(compiled, second)
         if cheapest is not None and _violation(problem, lattice, corridors, cheapest) <= limit:
             return cheapest

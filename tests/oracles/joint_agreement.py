@@ -1,6 +1,7 @@
 """One decision problem under the rule `joint`, answered by the package's solvers and by the oracle."""
 
-from sumo_hmdp.decision.joint import Deadline, choose
+from sumo_hmdp.decision.deadline import Deadline
+from sumo_hmdp.decision.joint import choose
 from sumo_hmdp.decision.problem_file import parse_problem
 from sumo_hmdp.decision.situation import Situation
 
@@ -13,7 +14,7 @@ WAYS = {"search": ("search", True), "milp": ("milp", True), "milp, every arc": (
 def chosen(document, way):
     """Return what the package chooses by one of `WAYS`, however long it takes."""
     solver, reduced = WAYS[way]
-    return choose(Situation(parse_problem(document)), solver, Deadline(0.0, float("inf")), reduced=reduced)
+    return choose(Situation(parse_problem(document)), solver, Deadline(), reduced=reduced)
 
 
 def plan_of(choice):

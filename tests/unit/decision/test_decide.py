@@ -1,7 +1,9 @@
 """The ways in which a decision can come about: both solvers, deadlines, starts, occupancy, distances, stopping."""
 
 import json
+import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +72,7 @@ def test_every_solver_says_its_name_and_the_same_cost(solver):
 
 
 def test_solvers_that_differ_stop_the_decision(monkeypatch):
-    wrong = replace(decide.SEARCH, best=lambda *_: ManeuverSequence((Lateral.LEFT,) * 3, (Mode.CRUISE,) * 3))
+    wrong = replace(decide.SEARCH, best=lambda *_, **__: ManeuverSequence((Lateral.LEFT,) * 3, (Mode.CRUISE,) * 3))
     monkeypatch.setattr(decide, "SEARCH", wrong)
     ego = VehicleState("ego", 0.0, -4.0, 20.0, 3)
     asked = problem(ego=ego)
@@ -142,7 +144,7 @@ def stuck(result):
 
     def solve(compiled, data, time_limit, start=None):
         del start
-        assert time_limit == 0.5
+        assert 0.0 < time_limit < 0.5
         return MilpResult("Time limit reached", result(compiled, data))
 
     return solve
@@ -161,6 +163,23 @@ def test_an_enforced_deadline_takes_what_is_known(monkeypatch):
     nothing = answer(asked)
     assert nothing.status is Status.FALLBACK
     assert "no plan was known when the deadline of 0.5 s came" in nothing.reason
+
+
+def test_every_solve_of_a_decision_shares_one_deadline(monkeypatch):
+    # No plan keeps 200 m: the relaxed plan takes several solves, each of which gets what the others left.
+    others = (car(60.0, lane=lane) for lane in (1, 2, 3))
+    asked = problem(*others, enforce_deadline=True, safe_distance=200.0)
+    original, given = optimiser.solve, []
+
+    def slow(compiled, data, time_limit, start=None, *, presolve=None):
+        given.append(time_limit)
+        time.sleep(0.02)
+        return original(compiled, data, 10.0, start, presolve=presolve)
+
+    monkeypatch.setattr(optimiser, "solve", slow)
+    assert answer(asked).status is Status.RELAXED
+    assert len(given) > 1
+    assert all(later <= sooner - 0.02 for sooner, later in pairwise(given))
 
 
 def test_a_deadline_of_no_time_is_real():
