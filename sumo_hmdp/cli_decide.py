@@ -47,7 +47,7 @@ def decide(
     - `sumo-hmdp decide problem.json --explain --figure why.svg`
     - `sumo-hmdp decide problem.json --frontier frontier.svg`
 
-    No files come out but the figures; docs/decision-files.md has the form of the files.
+    Files: the figures that are asked for, and no other; docs/decision-files.md has the form of the files.
     """
     from sumo_hmdp.decision.decide import SOLVERS, answer
     from sumo_hmdp.decision.problem_file import answer_document, read_problem

@@ -1,4 +1,5 @@
 """The command `sumo-hmdp watch`."""
+# ruff: noqa: PLC0415 - a command imports what it needs when it runs, so that `--help` answers at once
 
 import os
 import subprocess
@@ -10,7 +11,6 @@ import typer
 
 from sumo_hmdp.cli_common import RUNS, PlannerOption, ScenarioArgument, complete_solver
 from sumo_hmdp.errors import InputError
-from sumo_hmdp.sim import window
 
 
 def add_commands(app: typer.Typer) -> None:
@@ -37,6 +37,8 @@ def watch(
 
     Files: those of `run`, in `--out`.
     """
+    from sumo_hmdp.sim import window
+
     if window.program() is None:
         raise InputError(["watch must find sumo-gui, got none; install it with `pip install 'sumo-hmdp[gui]'`"])
     options = ["--solver", solver, "--seed", str(seed), "--out", str(out_dir)]

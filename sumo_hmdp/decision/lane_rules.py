@@ -169,7 +169,8 @@ def limited(rules: LaneRules, scene: Scene, duration: float) -> LaneRules:
         duration: of a lane change, during which the ego gets no faster than it wants to be, or is [s].
     """
     ego = scene.ego
-    speed = min(rules.desired_speed, scene.rules.speed_limit(ego.lane, ego.x))
+    # Never below its own speed, where the free-road term would brake far harder than a limit asks (`allowed_accel`).
+    speed = min(rules.desired_speed, max(ego.speed, scene.rules.speed_limit(ego.lane, ego.x)))
     ahead = ego.x + max(ego.speed, speed) * duration
     barred = {
         ego.lane + lateral

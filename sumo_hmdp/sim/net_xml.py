@@ -178,7 +178,10 @@ def parse_net(root: ET.Element, source: str) -> Net:
         edges = [_edge(edge, limits) for edge in root.iter("edge") if edge.get("function", "normal") == "normal"]
         inner = {lane.id: lane for lane in _inner_lanes(root, limits)}
     except (KeyError, ValueError) as error:
-        raise InputError([f"the lanes must have shapes of numbers, got: {error}."], source) from error
+        raise InputError(
+            [f"the lanes must have numbers in their attributes, got: {error}. Build it with netconvert"],
+            source,
+        ) from error
     try:
         entries = [_connection(entry) for entry in root.iter("connection") if entry.attrib["from"][:1] != ":"]
     except (KeyError, ValueError) as error:

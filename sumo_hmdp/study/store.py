@@ -301,8 +301,14 @@ def _mixed(runs: pd.DataFrame, manifests: Mapping[str, Mapping[str, Any]]) -> tu
     """Return one line if runs were made with different versions."""
     if "versions_hash" not in runs:
         return ()
-    counts = runs.groupby("versions_hash")["run_id"].agg(["first", "size"])
-    names = zip(counts["first"], counts["size"], strict=True)
-    of_runs = [(manifests.get(str(first), {}).get("versions", {}), int(size)) for first, size in names]
-    told = mixture(of_runs)
-    return (f"made with different versions: {told}",) if told else ()
+    counts = runs.groupby(["planner", "versions_hash"])["run_id"].agg(["first", "size"])
+    versions = [dict(manifests.get(str(first), {}).get("versions", {})) for first in counts["first"]]
+    sizes = [int(size) for size in counts["size"]]
+    packages: dict[str, list[tuple[dict[str, str], int]]] = {}
+    for planner, one, size in zip(counts.index.get_level_values("planner"), versions, sizes, strict=True):
+        # Planners come from different packages; that is a difference only between runs of one planner.
+        package = {key: one.pop(key) for key in ("planner_package",) if key in one}
+        packages.setdefault(str(planner), []).append((package, size))
+    told = [mixture(zip(versions, sizes, strict=True)), *(mixture(of_planner) for of_planner in packages.values())]
+    words = "; ".join(line for line in told if line)
+    return (f"made with different versions: {words}",) if words else ()

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pandas as pd
 
@@ -25,6 +25,9 @@ from sumo_hmdp.study.files import error_number
 from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RunStatus, Trace, tables_hash
 from sumo_hmdp.study.run import execute, kept_steps
+
+# A folder that is written to is removed in a few tries; once it is gone nothing can be written there.
+REMOVALS = 100
 
 
 @dataclass(frozen=True)
@@ -130,13 +133,26 @@ def serve(connection: Connection, scratch: Path) -> None:
                 jobs.put(connection.recv())
         # Nobody waits for what is being done; a planner that hangs would keep the process for ever. A parent that was
         # killed cannot take the folder for temporary files away.
-        shutil.rmtree(scratch, ignore_errors=True)
+        for _ in range(REMOVALS):
+            # The run goes on meanwhile and may have put a file where all were gone.
+            shutil.rmtree(scratch, ignore_errors=True)
+            if not scratch.exists():
+                break
         if os.getpgrp() == os.getpid():
             # With it go the processes that planners have started.
             os.killpg(0, signal.SIGKILL)
         os._exit(0)
 
-    threading.Thread(target=listen, daemon=True).start()
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    # A pipe that is broken by the end of the other side is the listener's to clear away.
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        _answer(connection, jobs)
+    listener.join()
+
+
+def _answer(connection: Connection, jobs: "queue.SimpleQueue[Job]") -> NoReturn:
+    """Do one job after the other and send what became of it."""
     # Now, while the sources are those that were imported.
     versions()
     # From here on the time of the first run counts.

@@ -11,7 +11,7 @@ CASE2 = (SCENARIOS / "case2.yaml").read_text(encoding="utf-8")
 DENSITY = "  density_vpkm_per_lane: 15.0\n"
 STRETCH = "stretch_m: [0.0, 2500.0]"
 IN_TRAFFIC = "in_traffic: true"
-MODES = "{accelerate: 0.04, cruise: 0.86, decelerate: 0.10}"
+MODES = "{accelerate: 0.0005, cruise: 0.9955, decelerate: 0.004}"
 # Nobody moves before the run, so that places are known.
 COLD = ("warm_up_s: 20.0", "warm_up_s: 0.0")
 

@@ -58,7 +58,6 @@ def test_a_study_is_no_scenario_and_a_scenario_no_study(call, short_case, tmp_pa
     study.write_text("name: tiny\nscenarios: [case2]\nseeds: [0]\n")
     for arguments, remedy in [
         (["run", "main"], "it is a study: `sumo-hmdp study main --out DIR`"),
-        (["check", study], "must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"),
         (["study", "case2", "--out", tmp_path / "out"], "it is a scenario: `sumo-hmdp run case2`"),
         (["study", short_case(1.2), "--out", tmp_path / "out"], "must be a study, got a scenario; run it with"),
     ]:

@@ -260,7 +260,7 @@ def test_vehicles_leave_at_the_end_of_the_road():
 def test_an_ego_sent_off_the_road_is_an_error(place):
     with (
         LibsumoWorld(run.settings(), run.EGO, ()) as world,
-        pytest.raises(SimulationError, match="sent off the road"),
+        pytest.raises(SimulationError, match=r"sent off the road|must not reach the road's end"),
     ):
         world.advance(replace(run.EGO, **place), {})
 
@@ -326,7 +326,7 @@ def test_runs_repeat_in_this_process_and_in_another():
 
 def test_a_network_that_sumo_cannot_load_is_an_error_and_leaves_the_process_usable(tmp_path):
     net = tmp_path / "net.xml"
-    net.write_text(run.NET.read_text().replace('speed="60.00"', 'speed="fast"'))
+    net.write_text(run.NET.read_text().replace('incLanes="highway_0 ', 'incLanes="highway_7 '))
     with pytest.raises(SimulationError, match="SUMO must load"):
         LibsumoWorld(replace(run.settings(), net_file=net), run.EGO, ()).__enter__()
     with LibsumoWorld(run.settings(), run.EGO, ()) as world:

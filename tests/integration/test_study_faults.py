@@ -135,9 +135,10 @@ def test_a_study_that_is_ended_goes_on(start, call, write_study, undisturbed, tm
     begun = call("study", study, "--out", out, "--workers", 1, "--limit", 2)
     assert begun.code == 0
     process = start(study, "--out", out, "--workers", 2, env={**os.environ, "TMPDIR": str(scratch)})
-    workers = wait_for(lambda: workers_of(process), process)
     # SUMO's files of a run: it has begun.
     wait_for(lambda: list(scratch.glob("*/sumo-hmdp-*")), process)
+    # Both: the second worker may have started after the first was seen.
+    workers = wait_for(lambda: len(found := workers_of(process)) == 2 and found, process)
     process.send_signal(how)
     _, complaint = process.communicate(timeout=30)
     if how is signal.SIGKILL:

@@ -234,7 +234,7 @@ def test_a_driven_ego_takes_no_pose_and_a_moved_one_needs_it():
 
 
 def test_a_driven_ego_that_reaches_the_end_of_the_road_is_an_error():
-    with pytest.raises(SimulationError, match="SUMO took it off the road"):
+    with pytest.raises(SimulationError, match="must not reach the road's end at 9000 m before its run ends"):
         drive(SumoDriver(4.0), duration=3.0, ego=replace(EGO, x=8950.0))
 
 

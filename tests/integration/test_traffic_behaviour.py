@@ -297,7 +297,8 @@ def test_who_comes_too_late_for_a_turn_takes_the_one_that_its_lane_serves(lane, 
 def test_who_turns_keeps_to_the_speed_of_the_turn(lane, exit_name, most):
     fast = driver("bg-a", lane, 1500.0, 15.0, exit_name)
     vehicle, ego, speeds = libsumo.vehicle, replace(ALONE, x=-250.0), []
-    with LibsumoWorld(TOWN, ego, (fast,)) as world:
+    # As in `urban`, whose limit takes the place of the network's, but not in a turn.
+    with LibsumoWorld(replace(TOWN, speed_limit=13.9), ego, (fast,)) as world:
         for _ in range(60):
             ego = replace(ego, x=ego.x + ego.speed * DT)
             world.advance(ego, {})
