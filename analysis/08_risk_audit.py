@@ -161,9 +161,7 @@ def main() -> None:
         "\nWhat optimal plans left to the nearest bound of each step, in standard deviations (quantiles over plans):\n"
     )
     # Under `joint` there is no bound for each step, only one for the whole plan.
-    right = {
-        (rule, eps): spare for (rule, eps, scale), (_, spare) in found.items() if scale == 1.0 and rule != "joint"
-    }
+    right = {(rule, eps): spare for (rule, eps, scale), (_, spare) in found.items() if scale == 1.0 and rule != "joint"}
     print("\n".join(slack(right)))
 
 

@@ -99,7 +99,7 @@ def clustered_proportion(
 
     where deff is the variance of the rate between runs over the binomial one, and z and t_df are quantiles of the
     normal and of Student's distribution. Two choices make it hold with few runs, as simulation shows
-    (analysis/12_coverage.py):
+    (analysis/17_coverage.py):
 
     - df is one less than the number of runs with a violation (or without one in every plan, where these are fewer):
       the runs without any tell nothing of how alike the violations of one run are.

@@ -46,6 +46,8 @@ class Distribution:
 
 def distributions(branches: Branches, road: Road, settings: PredictionSettings) -> tuple[Distribution, ...]:
     """Return the distribution of every vehicle that has a branch, in their order."""
+    if not branches.vehicles:
+        return ()
     y = lateral_means(branches, road, settings)
     y_variance = _lateral_variances(branches, settings)
     shares = branches.probability / np.bincount(branches.vehicle, branches.probability)[branches.vehicle]

@@ -6,7 +6,7 @@ Two tests are asked, and a mean is rejected only where both reject it:
 - the bootstrap-t (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 12.5), which takes the distribution of
   (mean - true mean) / standard error from resampled values and so follows their skewness.
 
-The choice rests on simulation (`analysis/12_coverage.py`, docs/studies.md): on log-normal values Student's interval
+The choice rests on simulation (`analysis/17_coverage.py`, docs/studies.md): on log-normal values Student's interval
 covers 85 % at n = 20, and so does one from sign flips, which supposes symmetry; the bootstrap-t alone is too narrow
 where values are few or tied.
 """

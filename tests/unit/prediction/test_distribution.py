@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sumo_hmdp.decision.planner import HmdpEvidence
-from sumo_hmdp.prediction.branches import covariances, lateral_means
+from sumo_hmdp.prediction.branches import covariances, lateral_means, predict
 from sumo_hmdp.prediction.distribution import QUANTILES, distributions, mixture_quantiles
 from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
 from sumo_hmdp.study.run import execute
@@ -68,3 +68,8 @@ def test_a_mixture_without_spread_has_atoms_for_quantiles():
     found = mixture_quantiles(np.array([[1.0, 2.0, 3.0]]), np.array([[0.04, 0.9, 0.06]]), np.zeros(1))
     assert found.tolist() == [[1.0, 2.0, 2.0, 2.0, 3.0, 3.0]]
     assert mixture_quantiles(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0)).shape == (0, 6)
+
+
+def test_with_nobody_in_sight_there_is_nothing_to_foretell(evidence):
+    settings = evidence.problem.settings.prediction()
+    assert distributions(predict((), settings), evidence.problem.road, settings) == ()

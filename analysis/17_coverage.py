@@ -1,7 +1,7 @@
 """How often intervals hold the truth and verdicts are false, on simulated studies whose truth is known.
 
-    python analysis/12_coverage.py                # the tables of docs/studies.md, about six minutes of one core
-    python analysis/12_coverage.py --studies 200  # a small version
+    python analysis/17_coverage.py                # the tables of docs/studies.md, about six minutes of one core
+    python analysis/17_coverage.py --studies 200  # a small version
 
 Every interval and verdict is the product's own, but for those of the methods that were not chosen. Of a coverage from
 1,000 studies, one standard error is 0.7 points at 95 %.

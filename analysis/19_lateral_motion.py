@@ -5,7 +5,7 @@ the centre of their lane while they keep it, how exactly a step of a lane change
 after the horizon for vehicles in the middle of a lane change: by the paper's law, and by that of lane changes that take
 their time.
 
-    python analysis/12_lateral_motion.py --first 101 --seeds 4
+    python analysis/19_lateral_motion.py --first 101 --seeds 4
 """
 
 import argparse

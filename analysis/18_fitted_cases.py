@@ -10,7 +10,7 @@ other demands fail, is worse by 20 for each.
 The search draws settings by a stated seed, and improves the best of them and one found by hand, one choice at a time.
 The results are the scenarios `case1_fitted` and `case2_fitted`. About ten minutes of one core for both.
 
-    python analysis/12_fitted_cases.py 2
+    python analysis/18_fitted_cases.py 2
 """
 
 import argparse
