@@ -179,7 +179,7 @@ def parse_net(root: ET.Element, source: str) -> Net:
         inner = {lane.id: lane for lane in _inner_lanes(root, limits)}
     except (KeyError, ValueError) as error:
         raise InputError(
-            [f"the lanes must have numbers in their attributes, got: {error}. Build it with netconvert"],
+            [f"the lanes must have limits and shapes of numbers, got: {error}. Build it with netconvert"],
             source,
         ) from error
     try:

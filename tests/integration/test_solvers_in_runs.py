@@ -27,8 +27,8 @@ def test_a_dispute_stops_the_run_with_the_decision_s_file(call, short_case, tmp_
     wrong = ManeuverSequence((Lateral.KEEP,) * 3, (Mode.DECELERATE,) * 3)
     honest = decide.SEARCH.best
 
-    def best(problem, lattice, corridors):
-        return wrong if problem.ego.x > 80.0 else honest(problem, lattice, corridors)
+    def best(problem, lattice, corridors, *, deadline):
+        return wrong if problem.ego.x > 80.0 else honest(problem, lattice, corridors, deadline=deadline)
 
     monkeypatch.setattr(decide, "SEARCH", replace(decide.SEARCH, best=best))
     out = tmp_path / "out"

@@ -269,7 +269,7 @@ def test_the_command_line_solver_is_for_all_runs(tmp_path):
 # The rules have no risk level: one cell, last.
 @pytest.mark.parametrize(
     ("name", "cells", "rules", "seeds"),
-    [("main", 2, 1, 20), ("highway_epsilon", 5, 1, 50), ("highway_risk", 4, 0, 20)],
+    [("main", 3, 1, 20), ("highway_epsilon", 5, 1, 50), ("highway_risk", 4, 0, 20)],
 )
 def test_the_studies_on_the_highway(name, cells, rules, seeds):
     design = load_design(find_study(name))

@@ -44,7 +44,7 @@ def shell_python():
 
     def run(program, **more):
         done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", program], capture_output=True, text=True, check=True,
+            [sys.executable, "-P", "-W", "ignore", "-c", program], capture_output=True, text=True, check=True,
             env={**os.environ, **more},
         )  # fmt: skip
         return done.stdout.strip()
