@@ -42,8 +42,10 @@ from sumo_hmdp.scenario.vehicles import (
     spawn_of,
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.world import World
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
@@ -98,6 +100,14 @@ class ReadyRun:
     parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
     notes: tuple[str, ...] = ()
+
+    def open_world(self) -> World:
+        """Return the run's world, to be used in a `with` statement.
+
+        Raises:
+            InputError: with every mistake in what the world is given.
+        """
+        return LibsumoWorld(self.world, self.episode.ego, self.spawns)
 
 
 def find_scenario(name_or_path: str) -> Path:
