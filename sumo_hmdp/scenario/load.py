@@ -48,7 +48,7 @@ from sumo_hmdp.sim.network import read_network
 from sumo_hmdp.sim.world import World
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
-from sumo_hmdp.validation import FileModel, nearest, parse
+from sumo_hmdp.validation import FileModel, nearest, parse, shown
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 
 
@@ -207,6 +207,25 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         *road_end_notes(ready.world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
+
+
+def with_planner(run: ReadyRun, planner: Planner[Any]) -> ReadyRun:
+    """Return a run that a planner object drives.
+
+    Args:
+        run: assembled with a planner that leaves the ego to its commands.
+        planner: an object with `period` [s], `initial_memory()` and `decide(scene, memory)`.
+
+    Raises:
+        InputError: the object is no planner.
+    """
+    missing = [name for name in ("period", "initial_memory", "decide") if not hasattr(planner, name)]
+    if isinstance(planner, type) or missing:
+        what = f"a class; call {planner.__name__}()" if isinstance(planner, type) else f"no {', '.join(missing)}"
+        message = f"must be an object with period, initial_memory and decide, got {shown(planner)}"
+        raise InputError([Problem("planner", f"{message}: {what}")])
+    name = str(getattr(planner, "name", type(planner).__name__.lower()))
+    return replace(run, planner=planner, planner_name=name, parameters={})
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:

@@ -119,13 +119,23 @@ def execute(
             disputed = json.dumps(problem_document(error.problem))
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contact_sentences())
-    record = _record(run, recorder, status, reason, trace, started)
+    record = record_of(run, recorder, status, reason, trace, started)
     return replace(record, disputed=disputed, error_number=number)
 
 
-def _record(
+def record_of(
     run: ReadyRun, recorder: Recorder, status: RunStatus, reason: str, trace: str, started: datetime
 ) -> RunRecord:
+    """Return the record of a run from what was recorded of it.
+
+    Args:
+        run: the run.
+        recorder: that has observed its instants.
+        status: how it ended.
+        reason: why it did not complete.
+        trace: the traceback of a failed run.
+        started: when.
+    """
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
     # Where there is traffic around, SUMO does not look for contacts.
