@@ -33,6 +33,7 @@ from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_v
 from sumo_hmdp.scenario.network_use import rule_checks, run_notes
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
+from sumo_hmdp.scenario.road import road_file, road_problems, with_road
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -158,16 +159,7 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
         raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
     problems = list(document.problems)
-    if isinstance(content, Mapping) and options.overrides:
-        try:
-            content = with_overrides(content, options.overrides)
-        except InputError as error:
-            problems.extend(error.problems)
-    scenario: ScenarioFile | None = None
-    try:
-        scenario = parse(ScenarioFile, content)
-    except InputError as error:
-        problems.extend(error.problems)
+    content, scenario = _parsed(content, options.overrides, problems)
     raw = content if isinstance(content, Mapping) else {}
     name, parameters = None, None
     try:
@@ -181,7 +173,7 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(time_checks(scenario, name, parameters))
     problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
-    network = network_path(scenario.network, path.parent)
+    network = _network(scenario, path.parent)
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
@@ -207,6 +199,36 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         *road_end_notes(ready.world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
+
+
+def _parsed(content: Any, overrides: Mapping[str, Any], problems: list[Problem]) -> tuple[Any, ScenarioFile | None]:  # noqa: ANN401
+    """Return a document as it is used, and the scenario that it is, None where that has mistakes; these are added."""
+    if isinstance(content, Mapping) and overrides:
+        try:
+            content = with_overrides(content, overrides)
+        except InputError as error:
+            problems.extend(error.problems)
+    if isinstance(content, Mapping):
+        problems.extend(road_problems(content))
+        content = with_road(content)
+    scenario: ScenarioFile | None = None
+    try:
+        scenario = parse(ScenarioFile, content)
+    except InputError as error:
+        # What is wrong with a road is wrong with the lanes that follow from it, too.
+        repeated = isinstance(content, Mapping) and content.get("road") is not None
+        problems.extend(p for p in error.problems if not (repeated and p.path.startswith("lanes")))
+    return content, scenario
+
+
+def _network(scenario: ScenarioFile, folder: Path) -> Path:
+    """Return the network's file; that of a described road is written first."""
+    if scenario.road is None:
+        return network_path(scenario.network, folder)
+    try:
+        return road_file(scenario.road)
+    except OSError as error:
+        raise InputError([Problem("road", f"must be written to a temporary file, got: {error}")]) from None
 
 
 def with_planner(run: ReadyRun, planner: Planner[Any]) -> ReadyRun:

@@ -121,6 +121,11 @@ class Session:
             status, reason = RunStatus.INTERRUPTED, "the session was not stepped to the end of the run"
         return record_of(self.run, recorder, status, reason, "", self._started)
 
+    @property
+    def trace_hash(self) -> str:
+        """The hash of all instants that are complete, as in a run's row; of a whole run once it has ended."""
+        return self._recorder.trace.hexdigest()
+
     def close(self) -> None:
         """Close the world; what was recorded stays until the next `reset`."""
         if self._open is not None:
