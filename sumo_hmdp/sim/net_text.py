@@ -21,6 +21,7 @@ def straight_net(lane_count: int, lane_width: float, length: float, speed_limit:
         )
     box = f"0.00,0.00,{length:.6f},0.00"
     east = f'x="{length:.6f}" y="0.00" incLanes="{" ".join(names)}" intLanes=""'
+    ends = f'shape="{length:.6f},{-half:.6f} {length:.6f},{half:.6f}"'
     west = 'x="0.00" y="0.00" incLanes="" intLanes=""'
     return "\n".join(
         [
@@ -30,7 +31,7 @@ def straight_net(lane_count: int, lane_width: float, length: float, speed_limit:
             '    <edge id="road" from="west" to="east" priority="-1" spreadType="center">',
             *lanes,
             "    </edge>",
-            f'    <junction id="east" type="dead_end" {east} shape="{length:.6f},{-half:.6f} {length:.6f},{half:.6f}"/>',
+            f'    <junction id="east" type="dead_end" {east} {ends}/>',
             f'    <junction id="west" type="dead_end" {west} shape="0.00,{half:.6f} 0.00,{-half:.6f}"/>',
             "</net>",
             "",
