@@ -1,6 +1,7 @@
 """Gymnasium environments of this package's worlds (the extra `gym`), and agents as planners.
 
-After `register()`, `gymnasium.make("sumo_hmdp/Highway-v0")` drives in `highway`; `sumo_hmdp/Recorded-v0` in any scenario by name or path.
+After `register()`, `gymnasium.make("sumo_hmdp/Highway-v0")` drives in `highway`;
+`sumo_hmdp/Recorded-v0` in any scenario by name or path.
 """
 
 from sumo_hmdp.gym.agent import AgentPlanner, maneuver_command, observation

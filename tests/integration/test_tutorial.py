@@ -75,6 +75,6 @@ def test_every_block_on_scenarios_works(follow, tmp_path):
     assert len(sumo_hmdp.load(tmp_path / "results" / "variants").runs) == 4
 
 
-@pytest.mark.parametrize(("name", "snippets"), [("howto/planner.md", 5), ("api/scenarios.md", 1)])
+@pytest.mark.parametrize(("name", "snippets"), [("howto/planner.md", 5), ("api/scenarios.md", 1), ("howto/notebook.md", 2)])
 def test_every_snippet_works(follow, name, snippets):
     assert follow(name)["python"] == snippets
