@@ -3,9 +3,9 @@
     python analysis/20_small_agent.py OUT [GENERATIONS] [CANDIDATES]
     sumo-hmdp study OUT/study.yaml --out OUT/results
 
-The agent keeps its lane and accelerates, cruises or brakes by a linear score of its speed, the gap ahead and the closing
-speed. A generation draws candidates around a mean, drives each in the same seed, and moves the mean and the spread to those
-of the best quarter. Training seeds begin at 1000; the study uses others.
+The agent keeps its lane and accelerates, cruises or brakes by a linear score of its speed, the gap ahead and the
+closing speed. A generation draws candidates around a mean, drives each in the same seed, and moves the mean and the
+spread to those of the best quarter. Training seeds begin at 1000; the study uses others.
 """
 
 import sys
