@@ -2,12 +2,16 @@
 # ruff: noqa: PLC0415 - imported where it is used, so that `import sumo_hmdp` stays quick for a plug-in that needs none
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sumo_hmdp.domain.plan import Planner
     from sumo_hmdp.report.study_comparison import StudyComparison
+    from sumo_hmdp.scenario.load import ReadyRun
+    from sumo_hmdp.study.run import RunRecord
+    from sumo_hmdp.study.session import Session
     from sumo_hmdp.study.store import Results
 
 
@@ -51,4 +55,56 @@ def compare(
     return compare_study(folder, metrics, by, level)
 
 
-__all__ = ["compare", "load"]
+def scenario(
+    name_or_path: str | Path,
+    planner: "str | Planner[Any] | None" = None,
+    *,
+    seed: int = 0,
+    solver: str = "milp",
+    risk_level: float | None = None,
+    keys: Mapping[str, Any] | None = None,
+) -> "ReadyRun":
+    """Read and check a scenario; the run that comes out is started by `run` or stepped by `Session`.
+
+    Args:
+        name_or_path: of a scenario that comes with the package, or a YAML file.
+        planner: a planner's name, or an object with `period` [s], `initial_memory()` and `decide(scene, memory)`;
+            None takes the scenario's own.
+        seed: of everything random.
+        solver: how the planner's decisions are solved.
+        risk_level: epsilon of the planner, None takes the scenario's.
+        keys: values that take the place of the scenario's, by path, such as `{"ego.speed_mps": 25.0}`.
+
+    Raises:
+        errors.InputError: with every mistake and its path.
+    """
+    from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario, with_planner
+
+    name = planner if planner is None or isinstance(planner, str) else "constant"
+    run = load_scenario(find_scenario(str(name_or_path)), RunOptions(name, solver, seed, risk_level, dict(keys or {})))
+    return run if planner is None or isinstance(planner, str) else with_planner(run, planner)
+
+
+def run(ready: "ReadyRun") -> "RunRecord":
+    """Run a scenario to its end: `.row` has its measures, `.steps` and `.decisions` are pandas frames.
+
+    Args:
+        ready: from `scenario`.
+
+    Raises:
+        errors.InputError: if the run cannot even start for a mistake in its input.
+    """
+    from sumo_hmdp.study.run import execute
+
+    return execute(ready)
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - any of the names below
+    if name == "Session":
+        from sumo_hmdp.study.session import Session
+
+        return Session
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__all__ = ["Session", "compare", "load", "run", "scenario"]

@@ -91,6 +91,10 @@ def run(
     solver: SolverOption = "milp",
     seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0, max=2**31 - 1)] = 0,
     epsilon: Annotated[float | None, typer.Option(help="Another risk level than the scenario's, in (0, 0.5].")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="PATH=VALUE", help="Another value of the scenario, e.g. ego.speed_mps=25."),
+    ] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Directory for tables, manifest and page.")] = Path("results"),
     trace: Annotated[
         Literal["none", "ego", "all"], typer.Option(help="Which vehicles the `steps` table keeps.")
@@ -106,6 +110,7 @@ def run(
     Examples:
     - `sumo-hmdp run case2 --epsilon 0.01 --out results`
     - `sumo-hmdp run highway --planner idm_mobil --seed 3`
+    - `sumo-hmdp run highway --set traffic.density_vpkm_per_lane=25 --set duration_s=30`
     - `sumo-hmdp run my_scenario.yaml --json`
 
     Files, all in `--out`, NAME being scenario, planner, risk level and seed: `NAME.html`, the page with the replay;
@@ -115,12 +120,14 @@ def run(
     """
     from sumo_hmdp.report.replay import write_replay
     from sumo_hmdp.scenario.load import RunOptions, find_scenario, load_scenario
+    from sumo_hmdp.scenario.overrides import read_settings
     from sumo_hmdp.study.reasons import Reasons
     from sumo_hmdp.study.record import RunStatus, Trace
     from sumo_hmdp.study.run import save
     from sumo_hmdp.study.store import dispute_path, page_path, traceback_path, writable_folder
 
-    ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon))
+    overrides = read_settings(settings or [])
+    ready = load_scenario(find_scenario(scenario), RunOptions(planner, solver, seed, epsilon, overrides))
     for note in ready.notes:
         remark(f"note: {note}", as_json=as_json)
     folder = writable_folder(out_dir)

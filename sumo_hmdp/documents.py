@@ -207,7 +207,19 @@ def read_yaml(path: Path) -> Document:
     Raises:
         InputError: if it cannot be read or parsed, with the line.
     """
-    text = read_text(path)
+    return parse_yaml(read_text(path), str(path))
+
+
+def parse_yaml(text: str, source: str = "") -> Document:
+    """Return what a YAML text holds, as `read_yaml` does for a file.
+
+    Args:
+        text: one document.
+        source: where it comes from, for the messages.
+
+    Raises:
+        InputError: if it cannot be parsed, with the line.
+    """
     reading = _Reading()
     try:
         content = _YamlBuilder(yaml.parse(text, Loader=_PARSER), reading).document()
@@ -216,9 +228,9 @@ def read_yaml(path: Path) -> Document:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         what = getattr(error, "problem", None) or getattr(error, "reason", None) or "syntax error"
-        raise InputError([f"must be YAML: {what}{where}. Correct it there"], str(path)) from None
+        raise InputError([f"must be YAML: {what}{where}. Correct it there"], source) from None
     except InputError as error:
-        raise InputError(error.problems, str(path)) from None
+        raise InputError(error.problems, source) from None
 
 
 # libyaml is ten times as fast; not every platform has it.

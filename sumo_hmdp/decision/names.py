@@ -6,7 +6,7 @@ from importlib.metadata import EntryPoint, entry_points
 
 ENTRY_POINT_GROUP = "sumo_hmdp.planners"
 # Tests compare them with what is there.
-BUILT_IN_PLANNERS = ("hmdp_mpc", "idm_mobil", "idm_mobil_published", "constant", "sumo")
+BUILT_IN_PLANNERS = ("hmdp_mpc", "idm_mobil", "idm_mobil_published", "constant", "sumo", "python")
 SOLVER_NAMES = ("milp", "search", "both")
 
 

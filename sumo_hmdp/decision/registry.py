@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint
 from typing import Any, Literal
 
 from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
+from sumo_hmdp.decision.file_planner import FilePlannerFile, build_from_file
 from sumo_hmdp.decision.names import offered
 from sumo_hmdp.decision.planner import Belief, HmdpPlanner
 from sumo_hmdp.decision.plugin_source import PlannerPackage, package_of
@@ -156,7 +157,8 @@ def _sumo_driver(parameters: SumoFile, context: PlannerContext) -> SumoDriver:
 SUMO = PlannerKind(
     "sumo", "SUMO drives the ego: its IDM along the road, its LC2013 across it", SumoFile, _build_sumo, _sumo_driver
 )
-BUILT_IN = (HMDP_MPC, IDM_MOBIL, PUBLISHED, CONSTANT, SUMO)
+PYTHON = PlannerKind("python", "a planner or trained agent from a Python file", FilePlannerFile, build_from_file)
+BUILT_IN = (HMDP_MPC, IDM_MOBIL, PUBLISHED, CONSTANT, SUMO, PYTHON)
 
 
 def planner_kinds() -> dict[str, PlannerKind]:

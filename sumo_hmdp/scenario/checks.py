@@ -66,7 +66,7 @@ def cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     count = lane_count(raw)
     network = raw.get("network")
-    if isinstance(network, str) and not is_file(network_path(network, folder)):
+    if raw.get("road") is None and isinstance(network, str) and not is_file(network_path(network, folder)):
         known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
         yield Problem(
             "network",

@@ -33,6 +33,7 @@ from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_v
 from sumo_hmdp.scenario.network_use import rule_checks, run_notes
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
+from sumo_hmdp.scenario.road import road_file, road_problems, with_road
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -42,11 +43,13 @@ from sumo_hmdp.scenario.vehicles import (
     spawn_of,
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.world import World
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
-from sumo_hmdp.validation import FileModel, nearest, parse
+from sumo_hmdp.validation import FileModel, nearest, parse, shown
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 
 
@@ -99,6 +102,14 @@ class ReadyRun:
     configuration: Mapping[str, Any]
     notes: tuple[str, ...] = ()
 
+    def open_world(self) -> World:
+        """Return the run's world, to be used in a `with` statement.
+
+        Raises:
+            InputError: with every mistake in what the world is given.
+        """
+        return LibsumoWorld(self.world, self.episode.ego, self.spawns)
+
 
 def find_scenario(name_or_path: str) -> Path:
     """Return the file of a scenario, given by path or by the name of one that comes with the package.
@@ -148,16 +159,7 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
         raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
     problems = list(document.problems)
-    if isinstance(content, Mapping) and options.overrides:
-        try:
-            content = with_overrides(content, options.overrides)
-        except InputError as error:
-            problems.extend(error.problems)
-    scenario: ScenarioFile | None = None
-    try:
-        scenario = parse(ScenarioFile, content)
-    except InputError as error:
-        problems.extend(error.problems)
+    content, scenario = _parsed(content, options.overrides, problems)
     raw = content if isinstance(content, Mapping) else {}
     name, parameters = None, None
     try:
@@ -171,7 +173,7 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(time_checks(scenario, name, parameters))
     problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
-    network = network_path(scenario.network, path.parent)
+    network = _network(scenario, path.parent)
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
@@ -197,6 +199,55 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         *road_end_notes(ready.world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
+
+
+def _parsed(content: Any, overrides: Mapping[str, Any], problems: list[Problem]) -> tuple[Any, ScenarioFile | None]:  # noqa: ANN401
+    """Return a document as it is used, and the scenario that it is, None where that has mistakes; these are added."""
+    if isinstance(content, Mapping) and overrides:
+        try:
+            content = with_overrides(content, overrides)
+        except InputError as error:
+            problems.extend(error.problems)
+    if isinstance(content, Mapping):
+        problems.extend(road_problems(content))
+        content = with_road(content)
+    scenario: ScenarioFile | None = None
+    try:
+        scenario = parse(ScenarioFile, content)
+    except InputError as error:
+        # What is wrong with a road is wrong with the lanes that follow from it, too.
+        repeated = isinstance(content, Mapping) and content.get("road") is not None
+        problems.extend(p for p in error.problems if not (repeated and p.path.startswith("lanes")))
+    return content, scenario
+
+
+def _network(scenario: ScenarioFile, folder: Path) -> Path:
+    """Return the network's file; that of a described road is written first."""
+    if scenario.road is None:
+        return network_path(scenario.network, folder)
+    try:
+        return road_file(scenario.road)
+    except OSError as error:
+        raise InputError([Problem("road", f"must be written to a temporary file, got: {error}")]) from None
+
+
+def with_planner(run: ReadyRun, planner: Planner[Any]) -> ReadyRun:
+    """Return a run that a planner object drives.
+
+    Args:
+        run: assembled with a planner that leaves the ego to its commands.
+        planner: an object with `period` [s], `initial_memory()` and `decide(scene, memory)`.
+
+    Raises:
+        InputError: the object is no planner.
+    """
+    missing = [name for name in ("period", "initial_memory", "decide") if not hasattr(planner, name)]
+    if isinstance(planner, type) or missing:
+        what = f"a class; call {planner.__name__}()" if isinstance(planner, type) else f"no {', '.join(missing)}"
+        message = f"must be an object with period, initial_memory and decide, got {shown(planner)}"
+        raise InputError([Problem("planner", f"{message}: {what}")])
+    name = str(getattr(planner, "name", type(planner).__name__.lower()))
+    return replace(run, planner=planner, planner_name=name, parameters={})
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:

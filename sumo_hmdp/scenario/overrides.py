@@ -1,9 +1,10 @@
 """Values that take the place of others in a scenario's document before it is checked."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from sumo_hmdp.documents import parse_yaml
 from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.validation import shown
 
@@ -34,6 +35,37 @@ def with_overrides(content: Mapping[str, Any], overrides: Mapping[str, Any]) -> 
         raise InputError(problems)
     result: dict[str, Any] = changed
     return result
+
+
+def read_settings(settings: Iterable[str]) -> dict[str, Any]:
+    """Return overrides by path from texts such as `ego.speed_mps=25`; a value is read as in a YAML file.
+
+    Raises:
+        InputError: with every text that has no `=`, no path, a value that is no YAML, or a path that came before.
+    """
+    found: dict[str, Any] = {}
+    problems = []
+    for text in settings:
+        path, sign, value = text.partition("=")
+        path = path.strip()
+        if not sign or not path:
+            problems.append(Problem("--set", f"must be PATH=VALUE such as ego.speed_mps=25, got {shown(text)}"))
+            continue
+        if path in found:
+            problems.append(Problem(f"--set {path}", "must be given once; take one out"))
+        try:
+            split_path(path)
+            document = parse_yaml(value)
+        except ValueError as error:
+            problems.append(Problem(f"--set {path}", str(error)))
+        except InputError as error:
+            problems.extend(Problem(f"--set {path}", problem.message) for problem in error.problems)
+        else:
+            problems.extend(Problem(f"--set {path}", problem.message) for problem in document.problems)
+            found[path] = document.content
+    if problems:
+        raise InputError(problems)
+    return found
 
 
 def split_path(path: str) -> tuple[str | int, ...]:

@@ -20,6 +20,7 @@ from sumo_hmdp.decision.problem_schema import (
     Positive,
     Speed,
 )
+from sumo_hmdp.scenario.road import RoadFile
 from sumo_hmdp.scenario.traffic import TrafficFile
 from sumo_hmdp.validation import FileModel
 
@@ -138,7 +139,7 @@ class PublishedFile(FileModel):
 
 
 class ScenarioFile(FileModel):
-    """A scenario.
+    """A scenario; with `road` there is neither `network` nor `lanes`, which follow from it.
 
     With `noise` the described vehicles are drawn from the model that the planner `hmdp_mpc` has of them: maneuvers from
     their policy, motion with the noise that is believed of them, measured with theirs. Then their `driver` plays no
@@ -149,6 +150,7 @@ class ScenarioFile(FileModel):
     description: str
     network: str
     lanes: LanesFile
+    road: RoadFile | None = None
     duration_s: Annotated[Positive, Field(le=DURATION_MAX)]
     dt_s: Annotated[Positive, Field(le=STEP_MAX)]
     ego: EgoFile

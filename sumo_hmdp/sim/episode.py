@@ -4,19 +4,19 @@ import hashlib
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Protocol
 
 from sumo_hmdp.decision.contract import require_decision, steps_per_decision
-from sumo_hmdp.domain.maneuver import Mode
-from sumo_hmdp.domain.plan import Command, Decision, Planner
+from sumo_hmdp.domain.maneuver import Lateral, Mode
+from sumo_hmdp.domain.plan import Command, Decision, Planner, Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
+from sumo_hmdp.errors import SimulationError
 from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
 from sumo_hmdp.sim.signals import Breaches
+from sumo_hmdp.sim.world import World
 from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
@@ -142,8 +142,104 @@ class TraceHash:
         return str(self._digest.hexdigest())
 
 
+class Loop:
+    """One episode that is carried on a step at a time, from an open world at time 0 on.
+
+    Attributes:
+        now: the present instant; its decision is None until one is taken by `step`.
+        ended: whether it is the last: the time is over, the ego is at its goal, or it has had a contact.
+    """
+
+    def __init__(
+        self, settings: EpisodeSettings, world: World, planner: Planner[Any], observe: Callable[[Moment], None]
+    ) -> None:
+        """Look at the first instant.
+
+        Args:
+            settings: the run.
+            world: an open world at time 0.
+            planner: decides every `planner.period`, a multiple of dt.
+            observe: called with every instant, in order; what it keeps is the record.
+
+        Raises:
+            decision.contract.PlannerError: if the planner's period cannot be kept.
+        """
+        self._settings, self._world, self._planner, self._observe = settings, world, planner, observe
+        self._motion = motion_of(
+            settings.motion, settings.bicycle, settings.road, settings.lane_change_time, settings.dt
+        )
+        self._carry = start(settings, self._motion, planner)
+        self._every = steps_per_decision(planner, settings.dt)
+        self._before: Snapshot | None = None
+        self.now, self.ended = self._look(0, ())
+
+    def perceived(self) -> Scene:
+        """Return the present scene as the planner measures it."""
+        return self._settings.measurement.perceive(self.now.scene, self.now.step)
+
+    def step(self, order: Command | Decision | None = None) -> Moment:
+        """Carry the episode on by one step of dt.
+
+        Args:
+            order: what the ego does from now on; None leaves it to the planner where its next decision is due, and
+                otherwise to the last decision.
+
+        Returns:
+            The next instant.
+
+        Raises:
+            SimulationError: the episode has ended.
+            decision.contract.PlannerError: if a decision cannot be carried out.
+        """
+        if self.ended:
+            raise SimulationError(
+                f"the run must go on to be stepped, got its end at {self.now.scene.time:g} s; reset it"
+            )
+        settings, motion, scene, step = self._settings, self._motion, self.now.scene, self.now.step
+        carry, decision = self._carry, None
+        if order is not None:
+            decision = order if isinstance(order, Decision) else commanded(order, scene)
+            require_decision(decision, settings.road)
+            carry = take_command(motion, carry, decision, carry.planner_memory, scene)
+        elif step % self._every == 0:
+            decision, memory = self._planner.decide(self.perceived(), carry.planner_memory)
+            require_decision(decision, settings.road)
+            carry = take_command(motion, carry, decision, memory, scene)
+        carry, speeds, tracking = drive(settings, motion, carry, scene)
+        self._observe(replace(self.now, decision=decision, tracking=tracking))
+        poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
+        world = self._world
+        world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
+        self._carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
+        self.now, self.ended = self._look(step + 1, world.sumo_contacts())
+        return self.now
+
+    def _look(self, step: int, sumo_contacts: tuple[tuple[str, str], ...]) -> tuple[Moment, bool]:
+        """Return an instant, and whether it is the last, which is observed at once."""
+        settings, world = self._settings, self._world
+        scene = observe_scene(settings, self._motion, world, self._carry, step)
+        seen = Snapshot(scene.time, scene.ego, (*scene.others, *world.crossing()))
+        self._before, touching = meet(self._before, seen, world.x_end)
+        arrived = None if settings.goal_x is None else scene.ego.x >= settings.goal_x
+        moment = Moment(
+            step=step,
+            scene=scene,
+            decision=None,
+            contacts=touching,
+            sumo_contacts=sumo_contacts,
+            tracking=None,
+            breaches=world.breaches(),
+            background_contacts=len(world.background_contacts()),
+            goal_reached=arrived,
+        )
+        ended = bool(step == settings.steps or touching or arrived)
+        if ended:
+            self._observe(moment)
+        return moment, ended
+
+
 def run_episode(
-    settings: EpisodeSettings, world: LibsumoWorld, planner: Planner[Any], observe: Callable[[Moment], None]
+    settings: EpisodeSettings, world: World, planner: Planner[Any], observe: Callable[[Moment], None]
 ) -> None:
     """Run one episode to its end, to the ego's goal or to its first contact.
 
@@ -156,41 +252,22 @@ def run_episode(
     Raises:
         decision.contract.PlannerError: if the planner's period or a decision cannot be carried out.
     """
-    motion = motion_of(settings.motion, settings.bicycle, settings.road, settings.lane_change_time, settings.dt)
-    carry = start(settings, motion, planner)
-    sumo_contacts: tuple[tuple[str, str], ...] = ()
-    every = steps_per_decision(planner, settings.dt)
-    before: Snapshot | None = None
-    for step in range(settings.steps + 1):
-        scene = observe_scene(settings, motion, world, carry, step)
-        before, touching = meet(
-            before, Snapshot(scene.time, scene.ego, (*scene.others, *world.crossing())), world.x_end
-        )
-        arrived = None if settings.goal_x is None else scene.ego.x >= settings.goal_x
-        moment = partial(
-            Moment,
-            step=step,
-            scene=scene,
-            contacts=touching,
-            sumo_contacts=sumo_contacts,
-            breaches=world.breaches(),
-            background_contacts=len(world.background_contacts()),
-            goal_reached=arrived,
-        )
-        decision = None
-        if step == settings.steps or touching or arrived:
-            observe(moment(decision=None, tracking=None))
-            return
-        if step % every == 0:
-            decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
-            require_decision(decision, settings.road)
-            carry = take_command(motion, carry, decision, memory, scene)
-        carry, speeds, tracking = drive(settings, motion, carry, scene)
-        observe(moment(decision=decision, tracking=tracking))
-        poses = drawn_poses(settings, scene, (step + 1) * settings.dt)
-        world.advance(ego_state(settings, motion, carry) if motion.moves_ego else None, speeds, poses)
-        carry = replace(carry, ego=motion.read(carry.ego, world.ego()))
-        sumo_contacts = world.sumo_contacts()
+    loop = Loop(settings, world, planner, observe)
+    while not loop.ended:
+        loop.step()
+
+
+def commanded(command: Command, scene: Scene) -> Decision:
+    """Return the decision that a command stands for: the lateral action towards its lane, the mode of its sign."""
+    change = command.lane - scene.ego.lane
+    return Decision(
+        scene.time,
+        Status.RULE,
+        command,
+        lateral=Lateral((change > 0) - (change < 0)),
+        mode=Mode((command.accel > 0) - (command.accel < 0)),
+        violation=None,
+    )
 
 
 def meet(before: Snapshot | None, now: Snapshot, x_end: float) -> tuple[Snapshot, tuple[Contact, ...]]:
@@ -223,9 +300,7 @@ def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> V
     return motion.place(carry.ego, settings.ego, carry.command.lane, carry.mode)
 
 
-def observe_scene(
-    settings: EpisodeSettings, motion: Motion[Any], world: LibsumoWorld, carry: Carry, step: int
-) -> Scene:
+def observe_scene(settings: EpisodeSettings, motion: Motion[Any], world: World, carry: Carry, step: int) -> Scene:
     """Read the world; a scripted vehicle's mode is the one it has been driving in up to now.
 
     A vehicle drawn from the model has the mode and the lane intent that were drawn for it.

@@ -108,7 +108,11 @@ def design_of(document: Document, path: Path, solver: str | None = None) -> Desi
     Raises:
         InputError: with every mistake, its path and remedy.
     """
-    if isinstance(document.content, Mapping) and "network" in document.content and "scenarios" not in document.content:
+    if (
+        isinstance(document.content, Mapping)
+        and "scenarios" not in document.content
+        and ({"network", "road"} & set(document.content))
+    ):
         raise InputError(["must be a study, got a scenario; run it with `sumo-hmdp run FILE`"], str(path))
     problems = list(document.problems)
     file = _read_study(document.content, problems)
@@ -278,7 +282,7 @@ def document_of(ready: ReadyRun) -> dict[str, Any]:
     """Return a scenario as it is run, with defaults filled in and the network's path where it is not the package's."""
     text = json.dumps(dict(ready.configuration), allow_nan=False)
     content: dict[str, Any] = json.loads(text)
-    if ready.world.net_file.name != f"{content['network']}.net.xml":
+    if content.get("road") is None and ready.world.net_file.name != f"{content['network']}.net.xml":
         content["network"] = str(ready.world.net_file.resolve())
     return content
 

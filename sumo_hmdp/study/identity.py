@@ -13,7 +13,7 @@ from sumo_hmdp.study.store import SCHEMA_VERSION
 # What a scenario says besides the run itself: texts for people, and the sections of planners that do not drive.
 _NOT_RUN = ("description", "published", "planner", "planners")
 # Sections that came later: where there is none, a cell keeps the name that it had before.
-_LATER = ("matched_traffic",)
+_LATER = ("matched_traffic", "road")
 # What a world with `noise` takes from the section of `hmdp_mpc`.
 _MODEL = ("period_s", "accel_mps2")
 

@@ -18,7 +18,6 @@ from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.study.files import error_number, write_text
 from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
@@ -106,7 +105,7 @@ def execute(
             on_moment(moment)
 
     try:
-        with LibsumoWorld(run.world, run.episode.ego, run.spawns) as world:
+        with run.open_world() as world:
             run_episode(run.episode, world, run.planner, observe)
     except KeyboardInterrupt:
         status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
@@ -120,13 +119,23 @@ def execute(
             disputed = json.dumps(problem_document(error.problem))
     if recorder.contacts:
         status, reason = RunStatus.CONTACT, "; ".join(recorder.contact_sentences())
-    record = _record(run, recorder, status, reason, trace, started)
+    record = record_of(run, recorder, status, reason, trace, started)
     return replace(record, disputed=disputed, error_number=number)
 
 
-def _record(
+def record_of(
     run: ReadyRun, recorder: Recorder, status: RunStatus, reason: str, trace: str, started: datetime
 ) -> RunRecord:
+    """Return the record of a run from what was recorded of it.
+
+    Args:
+        run: the run.
+        recorder: that has observed its instants.
+        status: how it ended.
+        reason: why it did not complete.
+        trace: the traceback of a failed run.
+        started: when.
+    """
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
     # Where there is traffic around, SUMO does not look for contacts.

@@ -20,6 +20,7 @@ INSTEAD = {
     },
     "howto/scenario.md": {"duration_s: 24.0": "duration_s: 2.4"},
     "howto/planner.md": {},
+    "howto/notebook.md": {},
     "api/scenarios.md": {'"duration_s": 5.0': '"duration_s": 0.6'},
 }
 
@@ -75,6 +76,8 @@ def test_every_block_on_scenarios_works(follow, tmp_path):
     assert len(sumo_hmdp.load(tmp_path / "results" / "variants").runs) == 4
 
 
-@pytest.mark.parametrize(("name", "snippets"), [("howto/planner.md", 5), ("api/scenarios.md", 1)])
+@pytest.mark.parametrize(
+    ("name", "snippets"), [("howto/planner.md", 5), ("api/scenarios.md", 1), ("howto/notebook.md", 2)]
+)
 def test_every_snippet_works(follow, name, snippets):
     assert follow(name)["python"] == snippets
