@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_hmdp.decision.decide import SOLVERS
-from sumo_hmdp.decision.problem_checks import planner_checks
+from sumo_hmdp.decision.problem_checks import planner_checks, table_checks
 from sumo_hmdp.decision.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.documents import Document, exists, is_file, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
@@ -33,6 +33,7 @@ from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_v
 from sumo_hmdp.scenario.network_use import rule_checks, run_notes
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
+from sumo_hmdp.scenario.recorded import Record, recorded_settings, time_problems, with_record
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
     belief_of,
@@ -42,8 +43,10 @@ from sumo_hmdp.scenario.vehicles import (
     spawn_of,
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
+from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.recorded_world import RecordedSettings, recorded_problems
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
@@ -92,7 +95,7 @@ class ReadyRun:
     seed: int
     solver: str
     episode: EpisodeSettings
-    world: WorldSettings
+    world: WorldSettings | RecordedSettings
     spawns: tuple[Spawn, ...]
     planner: Planner[Any]
     parameters: Mapping[str, Any]
@@ -153,6 +156,12 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
             content = with_overrides(content, options.overrides)
         except InputError as error:
             problems.extend(error.problems)
+    record: Record | None = None
+    if isinstance(content, Mapping) and isinstance(content.get("tracks"), Mapping):
+        try:
+            content, record = with_record(content, path.parent)
+        except InputError as error:
+            raise InputError(_unique([*problems, *error.problems]), str(path)) from None
     scenario: ScenarioFile | None = None
     try:
         scenario = parse(ScenarioFile, content)
@@ -171,7 +180,9 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(time_checks(scenario, name, parameters))
     problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
     problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
-    network = network_path(scenario.network, path.parent)
+    if record is not None:
+        return _assemble_recorded(scenario, record, name, parameters, options, path, problems)
+    network = network_path(str(scenario.network), path.parent)
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
     problems.extend(() if problems else stretch_checks(scenario, read_network(network, road)))
@@ -197,6 +208,97 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         *road_end_notes(ready.world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
+
+
+def _assemble_recorded(
+    scenario: ScenarioFile,
+    record: Record,
+    name: str,
+    parameters: Any,  # noqa: ANN401 - each planner's own
+    options: RunOptions,
+    path: Path,
+    problems: list[Problem],
+) -> ReadyRun:
+    """Check and assemble a scenario of recorded traffic, with what has been found wrong so far.
+
+    Raises:
+        InputError: with every mistake.
+    """
+    section = scenario.tracks
+    assert section is not None  # noqa: S101 - there is a record
+    if planner_kind(name, "planner").sumo_driver is not None:
+        message = f"must be one that drives the ego itself where there are `tracks`, got {name!r}: there is no SUMO"
+        problems.append(Problem("--planner" if options.planner else "planner", f"{message}; choose another"))
+    problems.extend(table_checks(section.belief.model_dump(), "tracks.belief", scenario.lanes.count))
+    problems.extend(time_problems(section, record.traffic, scenario.duration_s))
+    if scenario.ego.in_traffic:
+        problems.append(Problem("ego.in_traffic", "must be false where there are `tracks`; name the ego.vehicle"))
+    if not problems:
+        problems.extend(sequence_checks(scenario, name, parameters))
+    if problems:
+        raise InputError(problems, str(path))
+    road = record.traffic.road
+    if record.ego is None:
+        speed = 0.0 if scenario.ego.speed_mps is None else scenario.ego.speed_mps
+        start = VehicleState(EGO_ID, scenario.ego.x_m, road.center_y(scenario.ego.lane), speed, scenario.ego.lane)
+        if scenario.ego.speed_mps is None:
+            raise InputError([Problem("ego.speed_mps", "is missing; add it, or name the ego.vehicle")], str(path))
+    else:
+        start = record.ego
+    bicycle = BicycleParameters()
+    ego = VehicleState(
+        id=EGO_ID,
+        x=start.x,
+        y=start.y,
+        speed=start.speed,
+        lane=start.lane,
+        mode=MODE_BY_LABEL[scenario.ego.mode],
+        heading=start.heading,
+        length=bicycle.length,
+        width=bicycle.width,
+    )
+    world = recorded_settings(section, record, scenario.dt_s, scenario.duration_s)
+    problems.extend(recorded_problems(world, ego))
+    goal = scenario.ego.goal_x_m
+    if goal is not None and not ego.x < goal < world.x_end:
+        message = f"must be ahead of the ego's start at {ego.x:g} m and before the road's end at {world.x_end:g} m"
+        problems.append(Problem("ego.goal_x_m", f"{message}, got {goal:g} m; move it, or leave it out"))
+    if problems:
+        raise InputError(problems, str(path))
+    lane_change_time = scenario.ego.lane_change_time_s
+    context = PlannerContext(
+        lane_count=road.lane_count,
+        lane_width=road.lane_width,
+        dt=scenario.dt_s,
+        lane_change_time=lane_change_time,
+        beliefs={},
+        default_belief=section.belief.belief(road.lane_count, lane_change_time),
+        solver=options.solver,
+    )
+    return ReadyRun(
+        scenario=scenario.name,
+        planner_name=name,
+        seed=options.seed,
+        solver=options.solver,
+        episode=EpisodeSettings(
+            road=road,
+            dt=scenario.dt_s,
+            duration=scenario.duration_s,
+            ego=ego,
+            bicycle=bicycle,
+            lane_change_time=lane_change_time,
+            drivers={},
+            motion=MotionKind(scenario.ego.motion),
+            goal_x=goal,
+            measurement=Measurement(options.seed, otherwise=section.measurement.noise()),
+        ),
+        world=world,
+        spawns=(),
+        planner=planner_kind(name, "planner").build(parameters, context),
+        parameters=parameters.model_dump(),
+        configuration=scenario.model_dump(),
+        notes=record.traffic.notes,
+    )
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:

@@ -13,7 +13,7 @@ from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.worlds import World
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
 from sumo_hmdp.sim.signals import Breaches
@@ -143,7 +143,7 @@ class TraceHash:
 
 
 def run_episode(
-    settings: EpisodeSettings, world: LibsumoWorld, planner: Planner[Any], observe: Callable[[Moment], None]
+    settings: EpisodeSettings, world: World, planner: Planner[Any], observe: Callable[[Moment], None]
 ) -> None:
     """Run one episode to its end, to the ego's goal or to its first contact.
 
@@ -224,7 +224,7 @@ def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> V
 
 
 def observe_scene(
-    settings: EpisodeSettings, motion: Motion[Any], world: LibsumoWorld, carry: Carry, step: int
+    settings: EpisodeSettings, motion: Motion[Any], world: World, carry: Carry, step: int
 ) -> Scene:
     """Read the world; a scripted vehicle's mode is the one it has been driving in up to now.
 

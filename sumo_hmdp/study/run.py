@@ -18,7 +18,8 @@ from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
-from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.recorded_world import RecordedSettings
+from sumo_hmdp.sim.worlds import open_world
 from sumo_hmdp.study.files import error_number, write_text
 from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
@@ -106,7 +107,7 @@ def execute(
             on_moment(moment)
 
     try:
-        with LibsumoWorld(run.world, run.episode.ego, run.spawns) as world:
+        with open_world(run.world, run.episode.ego, run.spawns) as world:
             run_episode(run.episode, world, run.planner, observe)
     except KeyboardInterrupt:
         status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
@@ -129,8 +130,7 @@ def _record(
 ) -> RunRecord:
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
-    # Where there is traffic around, SUMO does not look for contacts.
-    disagreements = recorder.disagreements() if run.world.background is None else None
+    disagreements = recorder.disagreements() if _sumo_looks(run) else None
     manifest = run_manifest(run)
     row = {
         **run_facts(run, recorder.run_id, status, reason),
@@ -146,7 +146,7 @@ def _record(
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
         "contact_first_s": min((contact.time for contact in recorder.contacts), default=None),
-        "sumo_contact_count": recorder.sumo_contacts if run.world.background is None else None,
+        "sumo_contact_count": recorder.sumo_contacts if _sumo_looks(run) else None,
         "contact_disagreement_count": None if disagreements is None else len(disagreements),
         "background_contact_count": recorder.background_contacts,
         "red_light_count": recorder.red_lights,
@@ -170,6 +170,11 @@ def _record(
     return RunRecord(
         recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
     )  # fmt: skip
+
+
+def _sumo_looks(run: ReadyRun) -> bool:
+    """Tell whether SUMO looks for contacts: not where there is traffic around, or no SUMO."""
+    return not isinstance(run.world, RecordedSettings) and run.world.background is None
 
 
 def _audited_as(run: ReadyRun) -> AuditSettings | None:
@@ -214,6 +219,7 @@ def run_manifest(run: ReadyRun) -> dict[str, Any]:
         "parameters": dict(run.parameters),
         "configuration": dict(run.configuration),
         "network_notes": list(run.notes),
+        **({"tracks_sha256": run.world.traffic.digest} if isinstance(run.world, RecordedSettings) else {}),
     }
 
 
