@@ -147,6 +147,22 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     Raises:
         InputError: with every mistake and its path.
     """
+    scenario, record, name, parameters = _checked_parts(document, options, path)
+    problems = list(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(time_checks(scenario, name, parameters))
+    problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
+    if record is not None:
+        return _assemble_recorded(scenario, record, name, parameters, options, path, problems)
+    return _assemble_network(scenario, name, parameters, options, path, problems)
+
+
+def _checked_parts(document: Document, options: RunOptions, path: Path) -> tuple[ScenarioFile, Record | None, str, Any]:
+    """Return a scenario, its recorded traffic if any, and the planner's name and parameters, each checked by itself.
+
+    Raises:
+        InputError: with every mistake and its path.
+    """
     content = document.content
     if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
         raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
@@ -176,12 +192,22 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(cross_checks(raw, path.parent))
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
-    problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(time_checks(scenario, name, parameters))
-    problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
-    if record is not None:
-        return _assemble_recorded(scenario, record, name, parameters, options, path, problems)
+    return scenario, record, name, parameters
+
+
+def _assemble_network(
+    scenario: ScenarioFile,
+    name: str,
+    parameters: Any,  # noqa: ANN401 - each planner's own
+    options: RunOptions,
+    path: Path,
+    problems: list[Problem],
+) -> ReadyRun:
+    """Check and assemble a scenario on a network, with what has been found wrong so far.
+
+    Raises:
+        InputError: with every mistake.
+    """
     network = network_path(str(scenario.network), path.parent)
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
@@ -199,13 +225,15 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         raise InputError(
             [Problem("traffic", f"must be simulated before the run begins, got: {error}")], str(path)
         ) from error
-    problems.extend(start_checks(ready.world, ready.episode.ego, ready.spawns, ready.planner_name))
-    problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
+    world = ready.world
+    assert isinstance(world, WorldSettings)  # noqa: S101 - it has no recorded traffic
+    problems.extend(start_checks(world, ready.episode.ego, ready.spawns, ready.planner_name))
+    problems.extend(goal_checks(world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
     notes = [
-        *run_notes(ready.world, ready.episode.ego, ready.spawns, ready.parameters),
-        *road_end_notes(ready.world, ready.episode, ready.parameters),
+        *run_notes(world, ready.episode.ego, ready.spawns, ready.parameters),
+        *road_end_notes(world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
 

@@ -13,10 +13,10 @@ from sumo_hmdp.domain.plan import Command, Decision, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
-from sumo_hmdp.sim.worlds import World
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
 from sumo_hmdp.sim.signals import Breaches
+from sumo_hmdp.sim.worlds import World
 from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo
@@ -223,9 +223,7 @@ def ego_state(settings: EpisodeSettings, motion: Motion[Any], carry: Carry) -> V
     return motion.place(carry.ego, settings.ego, carry.command.lane, carry.mode)
 
 
-def observe_scene(
-    settings: EpisodeSettings, motion: Motion[Any], world: World, carry: Carry, step: int
-) -> Scene:
+def observe_scene(settings: EpisodeSettings, motion: Motion[Any], world: World, carry: Carry, step: int) -> Scene:
     """Read the world; a scripted vehicle's mode is the one it has been driving in up to now.
 
     A vehicle drawn from the model has the mode and the lane intent that were drawn for it.

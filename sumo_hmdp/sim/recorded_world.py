@@ -1,8 +1,8 @@
 """A world of recorded traffic: vehicles follow their records, or react to the ego; no SUMO is needed.
 
-A record that reacts (`reactive: idm`) is left as soon as the Intelligent Driver Model, behind the ego or behind a vehicle
-that has left its own, stays behind it. The vehicle then drives by the model along its recorded path, never ahead of its
-record, and has joined it again where the model does not stay behind.
+With `reactive: idm` a vehicle leaves its record once its leader is the ego, or a vehicle that has left its own, and the
+Intelligent Driver Model would not keep up with the record. From then on it drives by the model along its recorded path,
+never ahead of its record, and joins it again where the model keeps up.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -297,10 +297,12 @@ class RecordedWorld:
     def _lose_ego(self, ego: VehicleState) -> NoReturn:
         if ego.x >= self.settings.x_end:
             raise SimulationError(
-                f"the ego must not reach the road's end at {self.settings.x_end:g} m before its run ends, got there after "
-                f"{self.time:g} s. Set ego.goal_x_m below it, so that the run ends there, or shorten duration_s."
+                f"the ego must not reach the road's end at {self.settings.x_end:g} m before its run ends, got there "
+                f"after {self.time:g} s. Set ego.goal_x_m below it, so that the run ends there, or shorten duration_s."
             )
-        raise SimulationError(f"the ego must stay on the road, got x = {ego.x:g} m, y = {ego.y:g} m (t = {self.time} s).")
+        raise SimulationError(
+            f"the ego must stay on the road, got x = {ego.x:g} m, y = {ego.y:g} m (t = {self.time} s)."
+        )
 
     def _require_open(self) -> None:
         if not self._is_open:
@@ -340,4 +342,3 @@ def _overlaps(states: Sequence[VehicleState], depth: float = OVERLAP_MAX) -> Ite
             if abs(front.y - rear.y) < front.length + rear.length and overlap_depth(rear, front) > depth:
                 first, second = sorted((rear.id, front.id))
                 yield first, second
-

@@ -12,6 +12,7 @@ import pandas as pd
 
 from sumo_hmdp.decision.decide import SolversDisagreeError
 from sumo_hmdp.decision.problem_file import problem_document
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
@@ -158,6 +159,8 @@ def _record(
         "trace_hash": recorder.trace.hexdigest(),
         "versions_hash": versions_hash(manifest["versions"]),
     }
+    if isinstance(run.world, RecordedSettings) and (told := first_decision_note(decisions)):
+        manifest["network_notes"] = [*manifest["network_notes"], told]
     manifest |= {
         "run_id": recorder.run_id,
         "seed": run.seed,
@@ -170,6 +173,14 @@ def _record(
     return RunRecord(
         recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
     )  # fmt: skip
+
+
+def first_decision_note(decisions: pd.DataFrame) -> str:
+    """Return that recorded gaps left the first decision no plan that keeps the distances; empty where they did."""
+    first = str(decisions["status"].iloc[0]) if len(decisions) else ""
+    if first not in {Status.RELAXED, Status.FALLBACK}:
+        return ""
+    return f"the first decision is {first}: the gaps that were recorded are smaller than the planner's distances"
 
 
 def _sumo_looks(run: ReadyRun) -> bool:

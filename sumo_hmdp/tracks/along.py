@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState
@@ -131,7 +132,7 @@ def along_road(
     return along, f"{track.id} at {track.time[first] - begin:g} s"
 
 
-def _longest(mask: FloatArray) -> slice:
+def _longest(mask: NDArray[np.bool_]) -> slice:
     """Return the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, dtype=int), [0]])))
     begins, ends = edges[::2], edges[1::2]
@@ -169,7 +170,6 @@ def instants_on(tracks: Sequence[Track], shape: RoadShape) -> int:
     return sum(int(np.count_nonzero(_inside(track, shape))) for track in tracks)
 
 
-def _inside(track: Track, shape: RoadShape) -> FloatArray:
+def _inside(track: Track, shape: RoadShape) -> NDArray[np.bool_]:
     s, d = shape.locate(track.x, track.y)
-    return np.asarray((shape.outside(s, d) <= 0.0) & (s >= 0.0) & (s <= shape.length))
-
+    return np.asarray((shape.outside(s, d) <= 0.0) & (s >= 0.0) & (s <= shape.length), dtype=np.bool_)

@@ -87,9 +87,9 @@ def read_xml(path: Path) -> ET.Element:
         raise InputError(["the XML must have no document type, got <!DOCTYPE ...>. Remove it"])
 
     parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = lambda tag, attributes: builder.start(tag, attributes)
-    parser.EndElementHandler = lambda tag: builder.end(tag)
-    parser.CharacterDataHandler = lambda text: builder.data(text)
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
     try:
         with path.open("rb") as file:
             while piece := file.read(_PIECE):
@@ -152,12 +152,14 @@ class _Reader:
             # It has one state, and stands there for all time.
             speed = np.zeros(len(time))
         order = np.argsort(time, kind="stable")
+        x, y = places[order].T
         return Track(
-            name,
-            length,
-            width,
-            time[order] * self._dt,
-            *places[order].T,
+            id=name,
+            length=length,
+            width=width,
+            time=time[order] * self._dt,
+            x=x,
+            y=y,
             heading=None if heading is None else heading[order],
             speed=None if speed is None else speed[order],
             is_static=is_static,

@@ -98,9 +98,8 @@ def _turn(a: Lanelet, b: Lanelet) -> float:
 def lane_lines(lanelets: Mapping[str, Lanelet], road: tuple[Section, ...]) -> list[FloatArray]:
     """Return the lane lines of a road from left to right; between two lanes, the right bound of the left one."""
     lines = [_joined([lanelets[section[0]].left for section in road])]
-    for lane in range(len(road[0])):
-        lines.append(_joined([lanelets[section[lane]].right for section in road]))
-    return lines
+    rights = range(len(road[0]))
+    return [*lines, *(_joined([lanelets[section[lane]].right for section in road]) for lane in rights)]
 
 
 def _joined(pieces: list[FloatArray]) -> FloatArray:

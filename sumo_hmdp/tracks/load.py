@@ -108,18 +108,16 @@ def meta_file(source: Source) -> Path:
 
 @lru_cache(maxsize=4)
 def _read(source: Source, digest: str) -> RecordedTraffic:
-    found: CommonRoadFile | TableRecord
-    if source.format == "commonroad":
-        found = read_commonroad(source.file)
-    else:
-        found = _TABLES[source.format](source)
+    found = _READERS[source.format](source)
     tracks = _kept(found.tracks, source.leave_out)
     problems = list(record_problems(tracks, found.dt))
     moving = [track for track in tracks if not track.is_static]
     begin = min((float(track.time[0]) for track in moving), default=0.0)
     span = max((float(track.time[-1]) for track in moving), default=0.0) - begin
     if not problems and span < _SHORTEST:
-        problems.append(Problem("", f"the record must be at least {_SHORTEST:g} s long, got {span:g} s: it is too short"))
+        problems.append(
+            Problem("", f"the record must be at least {_SHORTEST:g} s long, got {span:g} s: it is too short")
+        )
     if problems:
         raise InputError(problems)
     shape = _lanelet_road(found, source) if isinstance(found, CommonRoadFile) else _table_road(found, source)
@@ -214,8 +212,7 @@ def _table_road(found: TableRecord, source: Source) -> RoadShape:
     if not end > begin:
         raise InputError(["a vehicle of the record must move, got none that does"])
     is_highd = source.format == "highd"
-    shape = straight_road(lines, begin, end, forward=source.carriageway != "upper", mirrored=is_highd)
-    return shape
+    return straight_road(lines, begin, end, forward=source.carriageway != "upper", mirrored=is_highd)
 
 
 def _metres(source: Source, otherwise: str | None = None) -> float:
@@ -231,7 +228,8 @@ def _highd(source: Source) -> TableRecord:
     return read_highd(source.file, meta_file(source), source.carriageway, _metres(source, "metres"))
 
 
-_TABLES: Mapping[str, Callable[[Source], TableRecord]] = {
+_READERS: Mapping[str, Callable[[Source], CommonRoadFile | TableRecord]] = {
+    "commonroad": lambda source: read_commonroad(source.file),
     "highd": _highd,
     "ngsim": lambda source: read_ngsim(source.file, _metres(source)),
     "plain": lambda source: read_plain(source.file),

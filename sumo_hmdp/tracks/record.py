@@ -79,13 +79,13 @@ def _time_problem(track: Track, dt: float) -> Problem | None:
     steps = np.diff(track.time)
     if (steps == 0.0).any():
         time = track.time[int(np.argmax(steps == 0.0))]
-        return Problem("", f"each vehicle must have one row per instant, got two of {track.id} at {time:g} s. Remove one")
+        return Problem("", f"each vehicle must have one row per instant, got two of {track.id} at {time:g} s")
     wrong = np.abs(steps - dt) > _JITTER * dt
     if wrong.any():
         first = int(np.argmax(wrong))
         message = (
-            f"a track must have an instant every {dt:g} s, got a gap of vehicle {track.id} from {track.time[first]:g} to "
-            f"{track.time[first + 1]:g} s. Fill it, or list the vehicle in tracks.leave_out"
+            f"a track must have an instant every {dt:g} s, got a gap of vehicle {track.id} from "
+            f"{track.time[first]:g} to {track.time[first + 1]:g} s. Fill it, or list the vehicle in tracks.leave_out"
         )
         return Problem("", message)
     return None
@@ -113,7 +113,8 @@ def _jump_problem(track: Track, dt: float) -> Problem | None:
     if not wrong.any():
         return None
     first = int(np.argmax(wrong))
-    message = f"a vehicle must move less than {_FASTEST * dt + _ROUNDING:.1f} m in {dt:g} s, got {distance[first]:.1f} m"
+    most = _FASTEST * dt + _ROUNDING
+    message = f"a vehicle must move less than {most:.1f} m in {dt:g} s, got {distance[first]:.1f} m"
     where = f"of {track.id} after {track.time[first]:g} s"
     return Problem("", f"{message} {where}. Check the units, or list the vehicle in tracks.leave_out")
 
@@ -129,7 +130,7 @@ def _speed_problems(tracks: Sequence[Track], dt: float) -> Iterator[Problem]:
         return
     told, seen = np.concatenate(recorded), np.concatenate(moved)
     if (told < 0.0).any():
-        yield Problem("", "recorded speeds must be at least 0, got a negative one. Leave the speeds out, or correct them")
+        yield Problem("", "recorded speeds must be at least 0, got a negative one. Correct it")
     elif np.median(np.abs(told - seen) - _SPEED_SHARE * seen) > _SPEED_OFFSET:
         message = f"recorded speeds must fit the positions, got {np.median(told):.1f} m/s where the positions move by"
         yield Problem("", f"{message} {np.median(seen):.1f} m/s (medians). Check the units and the time step")

@@ -1,7 +1,7 @@
 """The course of a recorded road: (x, y) of the record to (s, d) along it, and to lanes of one width.
 
 The reference line is a polyline whose normals at the vertices are bisectors scaled by 1 / cos(turn / 2). So a lane line
-at a constant offset is parallel to it, and d is the distance from the segment (docs/formulation.md, section 1).
+at a constant offset is parallel to it, and d is the distance from the segment's line.
 """
 
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ class RoadShape:
     def _vertex_headings(self) -> FloatArray:
         """Directions at the vertices [rad], (m,)."""
         h = self._headings
-        return np.concatenate([h[:1], 0.5 * (h[1:] + h[:-1]), h[-1:]])
+        return np.hstack([h[:1], 0.5 * (h[1:] + h[:-1]), h[-1:]])
 
     @cached_property
     def curvature(self) -> FloatArray:
@@ -102,13 +102,13 @@ class RoadShape:
 
     def heading_at(self, s: FloatArray) -> FloatArray:
         """Return the road's direction in the record's frame at s [rad]."""
-        return np.interp(s, self.stations, self._vertex_headings)
+        return np.asarray(np.interp(s, self.stations, self._vertex_headings), dtype=float)
 
     def outside(self, s: FloatArray, d: FloatArray) -> FloatArray:
         """Return how far points are beside the outermost lane lines, at most 0 on the road [m]."""
         left = np.interp(s, self.stations, self.lines[0])
         right = np.interp(s, self.stations, self.lines[-1])
-        return np.maximum(d - left, right - d)
+        return np.asarray(np.maximum(d - left, right - d), dtype=float)
 
     def across(self, s: FloatArray, d: FloatArray) -> FloatArray:
         """Return y on the road with lanes of one width [m]: linear between lane centres, a constant offset beside."""
@@ -120,7 +120,7 @@ class RoadShape:
             between = (d < centers[k]) & (d >= centers[k + 1])
             share = (d - centers[k + 1]) / (centers[k] - centers[k + 1])
             y = np.where(between, wanted[k + 1] + share * self.road.lane_width, y)
-        return y
+        return np.asarray(y, dtype=float)
 
 
 def straight_road(lines: Sequence[float], begin: float, end: float, *, forward: bool, mirrored: bool) -> RoadShape:

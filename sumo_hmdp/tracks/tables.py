@@ -24,7 +24,7 @@ _ID_COLUMNS = frozenset({"id", "Vehicle_ID"})
 
 @dataclass(frozen=True)
 class TableRecord:
-    """What a table holds: the record's step [s], its tracks, and lane lines where it has them [m], lane 1's left first."""
+    """What a table holds: the record's step [s], its tracks, and its lane lines [m], None where it has none."""
 
     dt: float
     tracks: list[Track]
@@ -124,7 +124,7 @@ def _step_of(tracks: Sequence[Track], path: Path) -> float:
     """Return the time step of most instants."""
     steps = np.concatenate([np.diff(track.time) for track in tracks])
     if not (steps > 0.0).any():
-        raise InputError(["must have two instants or more of some vehicle, got one. The record is too short"], str(path))
+        raise InputError(["must have two instants or more of some vehicle, got one: it is too short"], str(path))
     return float(np.median(steps[steps > 0.0]))
 
 
