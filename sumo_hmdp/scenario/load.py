@@ -43,10 +43,12 @@ from sumo_hmdp.scenario.vehicles import (
     spawn_of,
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
+from sumo_hmdp.sim.libsumo_world import LibsumoWorld
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.network import read_network
-from sumo_hmdp.sim.recorded_world import RecordedSettings, recorded_problems
+from sumo_hmdp.sim.recorded_world import RecordedSettings, RecordedWorld, recorded_problems
+from sumo_hmdp.sim.world import World
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
 from sumo_hmdp.validation import FileModel, nearest, parse
@@ -101,6 +103,16 @@ class ReadyRun:
     parameters: Mapping[str, Any]
     configuration: Mapping[str, Any]
     notes: tuple[str, ...] = ()
+
+    def open_world(self) -> World:
+        """Return the run's world, to be used in a `with` statement.
+
+        Raises:
+            InputError: with every mistake in what the world is given.
+        """
+        if isinstance(self.world, RecordedSettings):
+            return RecordedWorld(self.world, self.episode.ego)
+        return LibsumoWorld(self.world, self.episode.ego, self.spawns)
 
 
 def find_scenario(name_or_path: str) -> Path:

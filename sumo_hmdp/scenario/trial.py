@@ -2,7 +2,6 @@
 
 from sumo_hmdp.errors import InputError, Problem, SimulationError
 from sumo_hmdp.scenario.load import ReadyRun
-from sumo_hmdp.sim.worlds import open_world
 
 
 def start_once(run: ReadyRun, source: str) -> ReadyRun:
@@ -16,7 +15,7 @@ def start_once(run: ReadyRun, source: str) -> ReadyRun:
         InputError: the simulation does not start.
     """
     try:
-        with open_world(run.world, run.episode.ego, run.spawns):
+        with run.open_world():
             return run
     except SimulationError as error:
         raise InputError([Problem("", f"the run must start, got: {error}")], source) from error

@@ -16,7 +16,7 @@ from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
 from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import Motion, MotionKind, motion_of
 from sumo_hmdp.sim.signals import Breaches
-from sumo_hmdp.sim.worlds import World
+from sumo_hmdp.sim.world import World
 from sumo_hmdp.traffic.matched import MatchedPath
 from sumo_hmdp.vehicle.bicycle import BicycleParameters
 from sumo_hmdp.vehicle.tracking import TrackingInfo

@@ -20,7 +20,6 @@ from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
 from sumo_hmdp.sim.recorded_world import RecordedSettings
-from sumo_hmdp.sim.worlds import open_world
 from sumo_hmdp.study.files import error_number, write_text
 from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
@@ -108,7 +107,7 @@ def execute(
             on_moment(moment)
 
     try:
-        with open_world(run.world, run.episode.ego, run.spawns) as world:
+        with run.open_world() as world:
             run_episode(run.episode, world, run.planner, observe)
     except KeyboardInterrupt:
         status, reason = RunStatus.INTERRUPTED, "interrupted by the user"
