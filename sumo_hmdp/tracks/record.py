@@ -69,10 +69,9 @@ def record_problems(tracks: Sequence[Track], dt: float) -> Iterator[Problem]:
     if mistakes:
         return
     mistakes = list(_size_problems(moving))
-    yield from mistakes
     mistakes = mistakes or [problem for track in moving if (problem := _jump_problem(track, dt)) is not None]
+    mistakes = mistakes or list(_speed_problems(moving, dt))
     yield from mistakes[:1]
-    yield from () if mistakes else _speed_problems(moving, dt)
 
 
 def _time_problem(track: Track, dt: float) -> Problem | None:
