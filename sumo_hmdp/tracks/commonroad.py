@@ -1,7 +1,7 @@
 """CommonRoad XML, editions 2018b and 2020a: lanelets, obstacles with trajectories, and planning problems."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -9,14 +9,18 @@ from xml.parsers import expat
 
 import numpy as np
 
-from sumo_hmdp.errors import InputError
+from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.tracks.lanelets import Lanelet
 from sumo_hmdp.tracks.record import Track
+from sumo_hmdp.validation import nearest
 
 VERSIONS = ("2018b", "2020a")
 # Obstacles of this edition that are no vehicles and have no shape on the road.
 _NO_VEHICLES = ("phantomObstacle", "environmentObstacle")
+_OBSTACLES = ("obstacle", "dynamicObstacle", "staticObstacle")
 _PIECE = 1 << 16
+# A body whose reference point is nearer to its centre counts as centred [m], [rad].
+_CENTERED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,12 @@ class CommonRoadFile:
     notes: tuple[str, ...] = ()
 
 
-def read_commonroad(path: Path) -> CommonRoadFile:
+def read_commonroad(path: Path, leave_out: Collection[str] = ()) -> CommonRoadFile:
     """Read a file.
+
+    Args:
+        path: the file.
+        leave_out: ids of obstacles that are not read, whatever they are.
 
     Raises:
         InputError: it is no such file, or holds something that is not understood.
@@ -66,7 +74,12 @@ def read_commonroad(path: Path) -> CommonRoadFile:
     if not dt > 0.0:
         raise InputError([f"timeStepSize must be above 0, got {dt:g}. Correct it"])
     reader = _Reader(dt)
-    tracks = list(reader.tracks(root))
+    present = {entry.get("id", "") for entry in root if entry.tag in _OBSTACLES}
+    for index, name in enumerate(leave_out):
+        if name not in present:
+            message = f"must be a vehicle of the record, got {name!r}; {nearest(name, sorted(present))}"
+            raise InputError([Problem(f"tracks.leave_out[{index}]", message)])
+    tracks = list(reader.tracks(root, leave_out))
     lanelets = {lanelet.id: lanelet for lanelet in map(_lanelet, root.iter("lanelet")) if lanelet is not None}
     problems = {
         _id(problem): reader.start(problem.find("initialState"), _id(problem))
@@ -116,11 +129,11 @@ class _Reader:
         for tag, count in self._ignored.items():
             yield f"{count} {tag} of the file are left out: they are no recorded vehicles"
 
-    def tracks(self, root: ET.Element) -> Iterator[Track]:
+    def tracks(self, root: ET.Element, leave_out: Collection[str]) -> Iterator[Track]:
         for entry in root:
             if entry.tag in _NO_VEHICLES:
                 self._ignored[entry.tag] = self._ignored.get(entry.tag, 0) + 1
-            elif entry.tag in {"obstacle", "dynamicObstacle", "staticObstacle"}:
+            elif entry.tag in _OBSTACLES and entry.get("id") not in leave_out:
                 yield self._track(entry)
 
     def start(self, state: ET.Element | None, name: str) -> Start:
@@ -172,6 +185,11 @@ class _Reader:
             message = f"{what} must have one shape, got {len(parts)}"
             raise InputError([f"{message}. List it in tracks.leave_out"])
         part = parts[0]
+        center, turn = part.find("center"), part.findtext("orientation")
+        offset = (0.0, 0.0) if center is None else _point(center, what)
+        if max(map(abs, (*offset, 0.0 if turn is None else _float(turn, f"{what}: orientation")))) > _CENTERED:
+            message = f"{what} must have a shape around its position, got one at {offset} that is turned or moved"
+            raise InputError([f"{message}. List it in tracks.leave_out"])
         if part.tag == "rectangle":
             return _float(part.findtext("length"), f"{what}: length"), _float(part.findtext("width"), f"{what}: width")
         if part.tag == "circle":

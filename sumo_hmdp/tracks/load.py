@@ -109,8 +109,9 @@ def meta_file(source: Source) -> Path:
 @lru_cache(maxsize=4)
 def _read(source: Source, digest: str) -> RecordedTraffic:
     found = _READERS[source.format](source)
-    tracks = _kept(found.tracks, source.leave_out)
-    problems = list(record_problems(tracks, found.dt))
+    is_metric = source.format == "commonroad"
+    tracks = found.tracks if is_metric else _kept(found.tracks, source.leave_out)
+    problems = list(record_problems(tracks, found.dt, is_metric=is_metric))
     moving = [track for track in tracks if not track.is_static]
     begin = min((float(track.time[0]) for track in moving), default=0.0)
     span = max((float(track.time[-1]) for track in moving), default=0.0) - begin
@@ -229,7 +230,7 @@ def _highd(source: Source) -> TableRecord:
 
 
 _READERS: Mapping[str, Callable[[Source], CommonRoadFile | TableRecord]] = {
-    "commonroad": lambda source: read_commonroad(source.file),
+    "commonroad": lambda source: read_commonroad(source.file, source.leave_out),
     "highd": _highd,
     "ngsim": lambda source: read_ngsim(source.file, _metres(source)),
     "plain": lambda source: read_plain(source.file),

@@ -47,12 +47,13 @@ class Track:
     is_static: bool = False
 
 
-def record_problems(tracks: Sequence[Track], dt: float) -> Iterator[Problem]:
+def record_problems(tracks: Sequence[Track], dt: float, *, is_metric: bool = False) -> Iterator[Problem]:
     """Yield what makes tracks unusable, whatever the road: one line per kind of mistake.
 
     Args:
         tracks: of one record.
         dt: its step [s].
+        is_metric: whether the format itself says that lengths are metres, so that sizes tell nothing of the units.
     """
     moving = [track for track in tracks if not track.is_static]
     if not moving:
@@ -68,7 +69,7 @@ def record_problems(tracks: Sequence[Track], dt: float) -> Iterator[Problem]:
     yield from mistakes[:1]
     if mistakes:
         return
-    mistakes = list(_size_problems(moving))
+    mistakes = list(_size_problems(moving, is_metric=is_metric))
     mistakes = mistakes or [problem for track in moving if (problem := _jump_problem(track, dt)) is not None]
     mistakes = mistakes or list(_speed_problems(moving, dt))
     yield from mistakes[:1]
@@ -90,11 +91,13 @@ def _time_problem(track: Track, dt: float) -> Problem | None:
     return None
 
 
-def _size_problems(tracks: Sequence[Track]) -> Iterator[Problem]:
+def _size_problems(tracks: Sequence[Track], *, is_metric: bool) -> Iterator[Problem]:
     for track in tracks:
         if not (track.length > 0.0 and track.width > 0.0):
             yield Problem("", f"a vehicle must have a length and a width above 0, got {track.id} without. Correct it")
             return
+    if is_metric:
+        return
     for what, values, (low, high) in (
         ("wide", [t.width for t in tracks], _WIDTHS),
         ("long", [t.length for t in tracks], _LENGTHS),

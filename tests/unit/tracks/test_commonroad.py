@@ -1,6 +1,7 @@
 """CommonRoad files of both editions, and the road that lanelets make."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,6 +114,19 @@ def test_what_is_not_understood_is_named(tmp_path):
     assert "lanelets with traffic on them" in refusal(file(tmp_path, straight() + moving(11, 20.0, 30.0)))
     assert "readable XML" in refusal(file(tmp_path, car + "<a>"))
     assert "readable XML" in refusal(file(tmp_path, car, head="<a/>"))
+
+
+def test_an_obstacle_that_is_no_record_can_be_left_out(tmp_path):
+    region = f'<dynamicObstacle id="14"><shape>{RECTANGLE}</shape>{state("initialState", 0, 0.0, 0.0)}<occupancySet/>'
+    source = file(tmp_path, straight() + moving(11, 20.0, -1.75) + region + "</dynamicObstacle>")
+    assert "obstacle 14 must have a trajectory" in refusal(source)
+    assert set(read_tracks(replace(source, leave_out=("14",))).tracks) == {"11"}
+    assert "tracks.leave_out[0]: must be a vehicle" in refusal(replace(source, leave_out=("15",)))
+
+
+def test_a_shape_beside_its_position_is_refused(tmp_path):
+    moved = RECTANGLE.replace("</rectangle>", "<center><x>1.5</x><y>0.0</y></center></rectangle>")
+    assert "a shape around its position" in refusal(file(tmp_path, straight() + moving(11, 20.0, -1.75, shape=moved)))
 
 
 def arc(radius, turn, offset, step=2.0):
