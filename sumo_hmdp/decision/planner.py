@@ -181,7 +181,8 @@ class HmdpPlanner:
         belief = self.default_belief
         if belief is None or belief.rates is None:
             return {}
-        return lane_change_policies(scene, read, belief.rates, belief.policy.at(scene.time).longitudinal)
+        horizon = self.settings.period * self.settings.horizon_steps
+        return lane_change_policies(scene, read, belief.rates, belief.policy.at(scene.time).longitudinal, horizon)
 
     def _predicted(
         self, state: VehicleState, maneuver: ManeuverState | None, policy: Policy | None, now: float

@@ -35,7 +35,9 @@ def test_doubled_noise_is_found_and_the_noise_that_was_told_of_is_not(noise_scal
     assert found["trial_count"] > 300
     assert found["verdict"] in verdicts
     few = audited[(audited["run_id"] == "r0") & (audited["decision_index"] < 10)]
-    assert verdict(few, runs)[["trial_count", "verdict"]].tolist() in ([10, "too few data"], [9, "too few data"])
+    # Of ten plans those that are not optimal are counted apart.
+    assert 8 <= verdict(few, runs)["trial_count"] <= 10
+    assert verdict(few, runs)["verdict"] == "too few data"
 
 
 # Of matched_tight: variances of the leader's noise in a step, and the period.
@@ -53,7 +55,7 @@ def spread(steps):
 
 # At 0.2 three steps share the risk: one step alone on its bound would hardly tell doubled noise from what was allowed.
 @pytest.mark.parametrize(
-    ("noise_scale", "runs", "verdicts"), [(1.0, 60, {"consistent", "conservative"}), (2.0, 150, {"violated"})]
+    ("noise_scale", "runs", "verdicts"), [(1.0, 40, {"consistent", "conservative"}), (2.0, 150, {"violated"})]
 )
 def test_plans_exactly_on_their_bound_tell_doubled_noise_at_the_largest_epsilon(noise_scale, runs, verdicts):
     cov = spread(3)
