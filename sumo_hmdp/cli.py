@@ -213,12 +213,15 @@ def summary_table(record: "RunRecord") -> "Table":
     from rich.table import Table
 
     from sumo_hmdp.domain.plan import PLANNED_STATUSES
+    from sumo_hmdp.study.run import first_decision_note
 
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False, box=None, padding=(0, 0, 0, 2))
     if record.reason:
         table.add_row("why", record.reason)
     for sentence in record.manifest["contact_disagreements"]:
         table.add_row("note", sentence)
+    if "tracks_sha256" in record.manifest and (told := first_decision_note(record.decisions)):
+        table.add_row("note", told)
     # What was published is of the scenario's own planner.
     own = record.row["planner"] == record.manifest["configuration"]["planner"]
     published = (record.manifest["configuration"].get("published") or {}) if own else {}

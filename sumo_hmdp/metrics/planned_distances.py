@@ -86,7 +86,7 @@ def audit_settings(manifest: Mapping[str, Any]) -> AuditSettings | None:
         given.get("rss_brake_max_mps2", default.brake_max),
     )
     configuration = manifest.get("configuration", {})
-    background = configuration.get("traffic") is not None
+    background = any(configuration.get(section) is not None for section in ("traffic", "tracks"))
     return AuditSettings(
         period=float(manifest["period_s"]),
         distance=SafeDistance(

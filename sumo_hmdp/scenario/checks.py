@@ -66,6 +66,14 @@ def cross_checks(raw: Mapping[str, Any], folder: Path) -> Iterator[Problem]:
     """Check what takes more than one field; values of a wrong type have been reported already."""
     count = lane_count(raw)
     network = raw.get("network")
+    if network is None and raw.get("tracks") is None:
+        yield Problem("network", "is missing; add it")
+    elif raw.get("tracks") is None:
+        yield from (
+            Problem(f"ego.{key}", "must go with `tracks`; leave it out")
+            for key in ("vehicle", "planning_problem")
+            if isinstance(raw.get("ego"), Mapping) and raw["ego"].get(key) is not None
+        )
     if raw.get("road") is None and isinstance(network, str) and not is_file(network_path(network, folder)):
         known = sorted(path.name.removesuffix(".net.xml") for path in data_folder("networks").glob("*.net.xml"))
         yield Problem(
@@ -102,13 +110,14 @@ def dead_ends(scenario: ScenarioFile, horizon: int) -> Iterator[Problem]:
                 if stuck is not None:
                     yield dead_end_problem(f"vehicles[{index}].policy[{i}]", stuck)
                     break
-    if scenario.traffic is not None:
-        belief = scenario.traffic.belief.policy(scenario.lanes.count)
+    if (unseen := scenario.unseen_belief()) is not None:
+        path, section = unseen
+        belief = section.policy(scenario.lanes.count)
         # Any lane and any mode may be read from a vehicle's motion.
         read = (ManeuverState(lane, mode) for lane in range(1, scenario.lanes.count + 1) for mode in Mode)
         found = next((stuck for state in read if (stuck := dead_end(belief, state, horizon)) is not None), None)
         if found is not None:
-            yield dead_end_problem("traffic.belief", found)
+            yield dead_end_problem(path, found)
 
 
 def sequence_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> Iterator[Problem]:  # noqa: ANN401
@@ -119,7 +128,8 @@ def sequence_checks(scenario: ScenarioFile, planner: str, parameters: Any) -> It
     sections = [entry for vehicle in scenario.vehicles for entry in vehicle.policy]
     sections += [] if scenario.matched_traffic is None else scenario.matched_traffic.policy
     policies = [entry.policy(scenario.lanes.count) for entry in sections]
-    policies += [] if scenario.traffic is None else [scenario.traffic.belief.policy(scenario.lanes.count)]
+    unseen = scenario.unseen_belief()
+    policies += [] if unseen is None else [unseen[1].policy(scenario.lanes.count)]
     for policy in dict.fromkeys(policies):
         try:
             require_few_sequences(policy, settings)

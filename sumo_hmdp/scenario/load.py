@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_hmdp.decision.decide import SOLVERS
-from sumo_hmdp.decision.problem_checks import planner_checks
+from sumo_hmdp.decision.problem_checks import planner_checks, table_checks
 from sumo_hmdp.decision.registry import PlannerContext, PlannerKind, planner_kind, planner_kinds
 from sumo_hmdp.documents import Document, exists, is_file, read_yaml
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
@@ -33,6 +33,7 @@ from sumo_hmdp.scenario.matched_traffic import matched_traffic_checks, matched_v
 from sumo_hmdp.scenario.network_use import rule_checks, run_notes
 from sumo_hmdp.scenario.overrides import with_overrides
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
+from sumo_hmdp.scenario.recorded import Record, recorded_settings, time_problems, with_record
 from sumo_hmdp.scenario.road import road_file, road_problems, with_road
 from sumo_hmdp.scenario.schema import ScenarioFile
 from sumo_hmdp.scenario.vehicles import (
@@ -44,8 +45,10 @@ from sumo_hmdp.scenario.vehicles import (
 )
 from sumo_hmdp.sim.episode import EpisodeSettings
 from sumo_hmdp.sim.libsumo_world import LibsumoWorld
+from sumo_hmdp.sim.measurement import Measurement
 from sumo_hmdp.sim.motion import MotionKind
 from sumo_hmdp.sim.network import read_network
+from sumo_hmdp.sim.recorded_world import RecordedSettings, RecordedWorld, recorded_problems
 from sumo_hmdp.sim.world import World
 from sumo_hmdp.sim.world_checks import WorldSettings
 from sumo_hmdp.traffic.spawn import DriverKind, Spawn
@@ -95,7 +98,7 @@ class ReadyRun:
     seed: int
     solver: str
     episode: EpisodeSettings
-    world: WorldSettings
+    world: WorldSettings | RecordedSettings
     spawns: tuple[Spawn, ...]
     planner: Planner[Any]
     parameters: Mapping[str, Any]
@@ -108,6 +111,8 @@ class ReadyRun:
         Raises:
             InputError: with every mistake in what the world is given.
         """
+        if isinstance(self.world, RecordedSettings):
+            return RecordedWorld(self.world, self.episode.ego)
         return LibsumoWorld(self.world, self.episode.ego, self.spawns)
 
 
@@ -155,11 +160,38 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     Raises:
         InputError: with every mistake and its path.
     """
+    scenario, record, name, parameters = _checked_parts(document, options, path)
+    problems = list(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(time_checks(scenario, name, parameters))
+    problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
+    problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
+    if record is not None:
+        return _assemble_recorded(scenario, record, name, parameters, options, path, problems)
+    return _assemble_network(scenario, name, parameters, options, path, problems)
+
+
+def _checked_parts(document: Document, options: RunOptions, path: Path) -> tuple[ScenarioFile, Record | None, str, Any]:
+    """Return a scenario, its recorded traffic if any, and the planner's name and parameters, each checked by itself.
+
+    Raises:
+        InputError: with every mistake and its path.
+    """
     content = document.content
     if isinstance(content, Mapping) and "scenarios" in content and "network" not in content:
         raise InputError(["must be a scenario, got a study; run it with `sumo-hmdp study FILE --out DIR`"], str(path))
     problems = list(document.problems)
-    content, scenario = _parsed(content, options.overrides, problems)
+    if isinstance(content, Mapping) and options.overrides:
+        try:
+            content = with_overrides(content, options.overrides)
+        except InputError as error:
+            problems.extend(error.problems)
+    record: Record | None = None
+    if isinstance(content, Mapping) and isinstance(content.get("tracks"), Mapping):
+        try:
+            content, record = with_record(content, path.parent)
+        except InputError as error:
+            raise InputError(_unique([*problems, *error.problems]), str(path)) from None
+    content, scenario = _parsed(content, problems)
     raw = content if isinstance(content, Mapping) else {}
     name, parameters = None, None
     try:
@@ -169,10 +201,22 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
     problems.extend(cross_checks(raw, path.parent))
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
-    problems.extend(dead_ends(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(time_checks(scenario, name, parameters))
-    problems.extend(matched_traffic_checks(scenario, getattr(parameters, "horizon_steps", 1)))
-    problems.extend(crowd_checks(scenario, sumo_drives=planner_kind(name, "planner").sumo_driver is not None))
+    return scenario, record, name, parameters
+
+
+def _assemble_network(
+    scenario: ScenarioFile,
+    name: str,
+    parameters: Any,  # noqa: ANN401 - each planner's own
+    options: RunOptions,
+    path: Path,
+    problems: list[Problem],
+) -> ReadyRun:
+    """Check and assemble a scenario on a network, with what has been found wrong so far.
+
+    Raises:
+        InputError: with every mistake.
+    """
     network = _network(scenario, path.parent)
     road = Road(scenario.lanes.count, scenario.lanes.width_m)
     problems.extend(network_checks(network, road))
@@ -190,24 +234,21 @@ def assemble_scenario(document: Document, options: RunOptions, path: Path) -> Re
         raise InputError(
             [Problem("traffic", f"must be simulated before the run begins, got: {error}")], str(path)
         ) from error
-    problems.extend(start_checks(ready.world, ready.episode.ego, ready.spawns, ready.planner_name))
-    problems.extend(goal_checks(ready.world, ready.episode.ego, scenario.ego.goal_x_m))
+    world = ready.world
+    assert isinstance(world, WorldSettings)  # noqa: S101 - it has no recorded traffic
+    problems.extend(start_checks(world, ready.episode.ego, ready.spawns, ready.planner_name))
+    problems.extend(goal_checks(world, ready.episode.ego, scenario.ego.goal_x_m))
     if problems:
         raise InputError(problems, str(path))
     notes = [
-        *run_notes(ready.world, ready.episode.ego, ready.spawns, ready.parameters),
-        *road_end_notes(ready.world, ready.episode, ready.parameters),
+        *run_notes(world, ready.episode.ego, ready.spawns, ready.parameters),
+        *road_end_notes(world, ready.episode, ready.parameters),
     ]
     return replace(ready, notes=tuple(notes))
 
 
-def _parsed(content: Any, overrides: Mapping[str, Any], problems: list[Problem]) -> tuple[Any, ScenarioFile | None]:  # noqa: ANN401
+def _parsed(content: Any, problems: list[Problem]) -> tuple[Any, ScenarioFile | None]:  # noqa: ANN401 - any YAML
     """Return a document as it is used, and the scenario that it is, None where that has mistakes; these are added."""
-    if isinstance(content, Mapping) and overrides:
-        try:
-            content = with_overrides(content, overrides)
-        except InputError as error:
-            problems.extend(error.problems)
     if isinstance(content, Mapping):
         problems.extend(road_problems(content))
         content = with_road(content)
@@ -224,7 +265,7 @@ def _parsed(content: Any, overrides: Mapping[str, Any], problems: list[Problem])
 def _network(scenario: ScenarioFile, folder: Path) -> Path:
     """Return the network's file; that of a described road is written first."""
     if scenario.road is None:
-        return network_path(scenario.network, folder)
+        return network_path(str(scenario.network), folder)
     try:
         return road_file(scenario.road)
     except OSError as error:
@@ -248,6 +289,97 @@ def with_planner(run: ReadyRun, planner: Planner[Any]) -> ReadyRun:
         raise InputError([Problem("planner", f"{message}: {what}")])
     name = str(getattr(planner, "name", type(planner).__name__.lower()))
     return replace(run, planner=planner, planner_name=name, parameters={})
+
+
+def _assemble_recorded(
+    scenario: ScenarioFile,
+    record: Record,
+    name: str,
+    parameters: Any,  # noqa: ANN401 - each planner's own
+    options: RunOptions,
+    path: Path,
+    problems: list[Problem],
+) -> ReadyRun:
+    """Check and assemble a scenario of recorded traffic, with what has been found wrong so far.
+
+    Raises:
+        InputError: with every mistake.
+    """
+    section = scenario.tracks
+    assert section is not None  # noqa: S101 - there is a record
+    if planner_kind(name, "planner").sumo_driver is not None:
+        message = f"must be one that drives the ego itself where there are `tracks`, got {name!r}: there is no SUMO"
+        problems.append(Problem("--planner" if options.planner else "planner", f"{message}; choose another"))
+    problems.extend(table_checks(section.belief.model_dump(), "tracks.belief", scenario.lanes.count))
+    problems.extend(time_problems(section, record.traffic, scenario.duration_s))
+    if scenario.ego.in_traffic:
+        problems.append(Problem("ego.in_traffic", "must be false where there are `tracks`; name the ego.vehicle"))
+    if not problems:
+        problems.extend(sequence_checks(scenario, name, parameters))
+    if problems:
+        raise InputError(problems, str(path))
+    road = record.traffic.road
+    if record.ego is None:
+        speed = 0.0 if scenario.ego.speed_mps is None else scenario.ego.speed_mps
+        start = VehicleState(EGO_ID, scenario.ego.x_m, road.center_y(scenario.ego.lane), speed, scenario.ego.lane)
+        if scenario.ego.speed_mps is None:
+            raise InputError([Problem("ego.speed_mps", "is missing; add it, or name the ego.vehicle")], str(path))
+    else:
+        start = record.ego
+    bicycle = BicycleParameters()
+    ego = VehicleState(
+        id=EGO_ID,
+        x=start.x,
+        y=start.y,
+        speed=start.speed,
+        lane=start.lane,
+        mode=MODE_BY_LABEL[scenario.ego.mode],
+        heading=start.heading,
+        length=bicycle.length,
+        width=bicycle.width,
+    )
+    world = recorded_settings(section, record, scenario.dt_s, scenario.duration_s)
+    problems.extend(recorded_problems(world, ego))
+    goal = scenario.ego.goal_x_m
+    if goal is not None and not ego.x < goal < world.x_end:
+        message = f"must be ahead of the ego's start at {ego.x:g} m and before the road's end at {world.x_end:g} m"
+        problems.append(Problem("ego.goal_x_m", f"{message}, got {goal:g} m; move it, or leave it out"))
+    if problems:
+        raise InputError(problems, str(path))
+    lane_change_time = scenario.ego.lane_change_time_s
+    context = PlannerContext(
+        lane_count=road.lane_count,
+        lane_width=road.lane_width,
+        dt=scenario.dt_s,
+        lane_change_time=lane_change_time,
+        beliefs={},
+        default_belief=section.belief.belief(road.lane_count, lane_change_time),
+        solver=options.solver,
+    )
+    return ReadyRun(
+        scenario=scenario.name,
+        planner_name=name,
+        seed=options.seed,
+        solver=options.solver,
+        episode=EpisodeSettings(
+            road=road,
+            dt=scenario.dt_s,
+            duration=scenario.duration_s,
+            ego=ego,
+            bicycle=bicycle,
+            lane_change_time=lane_change_time,
+            drivers={},
+            motion=MotionKind(scenario.ego.motion),
+            goal_x=goal,
+            measurement=Measurement(options.seed, otherwise=section.measurement.noise()),
+        ),
+        world=world,
+        spawns=(),
+        planner=planner_kind(name, "planner").build(parameters, context),
+        parameters=parameters.model_dump(),
+        configuration=scenario.model_dump(),
+        notes=record.traffic.notes,
+    )
 
 
 def _unique(problems: list[Problem]) -> list[Problem]:

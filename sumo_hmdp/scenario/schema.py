@@ -20,8 +20,9 @@ from sumo_hmdp.decision.problem_schema import (
     Positive,
     Speed,
 )
+from sumo_hmdp.scenario.recorded import TracksFile
 from sumo_hmdp.scenario.road import RoadFile
-from sumo_hmdp.scenario.traffic import TrafficFile
+from sumo_hmdp.scenario.traffic import BeliefFile, TrafficFile
 from sumo_hmdp.validation import FileModel
 
 # A day; a step in which a car at 30 m/s moves by seven of its lengths.
@@ -34,7 +35,8 @@ class EgoFile(FileModel):
     """`ego`: where the ego starts, and how it moves; (x, y) is the centre of the front bumper, y that of its lane.
 
     With `in_traffic` it takes the place and the speed of the background vehicle in its lane that is nearest to `x_m`
-    when the run begins; then `speed_mps` is left out.
+    when the run begins; then `speed_mps` is left out. In recorded traffic it takes the place of the recorded `vehicle`,
+    or starts where a `planning_problem` of the file does; then place, lane and speed are left out.
     """
 
     x_m: Number
@@ -45,6 +47,8 @@ class EgoFile(FileModel):
     lane_change_time_s: Positive = 4.0
     motion: Literal["bicycle", "point_mass", "point_mass_published"] = "bicycle"
     goal_x_m: Number | None = None
+    vehicle: str | int | None = None
+    planning_problem: str | int | None = None
 
 
 class SwitchFile(FileModel):
@@ -148,7 +152,7 @@ class ScenarioFile(FileModel):
 
     name: Annotated[str, Field(max_length=NAME_MAX, pattern=r"^[a-z0-9_]+$")]
     description: str
-    network: str
+    network: str | None = None
     lanes: LanesFile
     road: RoadFile | None = None
     duration_s: Annotated[Positive, Field(le=DURATION_MAX)]
@@ -157,8 +161,16 @@ class ScenarioFile(FileModel):
     vehicles: Annotated[list[VehicleFile], Field(max_length=VEHICLES_MAX)] = Field(default_factory=list)
     traffic: TrafficFile | None = None
     matched_traffic: MatchedTrafficFile | None = None
+    tracks: TracksFile | None = None
     noise: bool = False
     noise_scale: Positive = 1.0
     published: PublishedFile | None = None
     planner: str
     planners: dict[str, dict[str, Any]]
+
+    def unseen_belief(self) -> tuple[str, BeliefFile] | None:
+        """Return what is believed of vehicles that nobody describes, after where it stands; None for nothing."""
+        for path, section in (("traffic", self.traffic), ("tracks", self.tracks)):
+            if section is not None:
+                return f"{path}.belief", section.belief
+        return None

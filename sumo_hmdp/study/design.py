@@ -15,6 +15,7 @@ from sumo_hmdp.errors import InputError, Problem
 from sumo_hmdp.scenario.load import ReadyRun, RunOptions, assemble_scenario, find_scenario
 from sumo_hmdp.scenario.packaged import scenario_names, study_names
 from sumo_hmdp.scenario.schema import ScenarioFile
+from sumo_hmdp.sim.recorded_world import RecordedSettings
 from sumo_hmdp.study.factors import OPTION_FACTORS, Setting, factor_problems, settings_of
 from sumo_hmdp.study.identity import cell_id_of, study_run_id
 from sumo_hmdp.study.schema import CELL_COUNT_MAX, RUN_COUNT_MAX, SEED_MAX, SeedsFile, StoppingFile, StudyFile
@@ -282,8 +283,11 @@ def document_of(ready: ReadyRun) -> dict[str, Any]:
     """Return a scenario as it is run, with defaults filled in and the network's path where it is not the package's."""
     text = json.dumps(dict(ready.configuration), allow_nan=False)
     content: dict[str, Any] = json.loads(text)
-    if content.get("road") is None and ready.world.net_file.name != f"{content['network']}.net.xml":
-        content["network"] = str(ready.world.net_file.resolve())
+    world = ready.world
+    if not isinstance(world, RecordedSettings) and content.get("road") is None:
+        file = world.net_file
+        if file.name != f"{content['network']}.net.xml":
+            content["network"] = str(file.resolve())
     return content
 
 

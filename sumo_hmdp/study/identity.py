@@ -8,12 +8,14 @@ from typing import Any
 
 from sumo_hmdp.decision.registry import planner_kind, planner_package
 from sumo_hmdp.scenario.load import ReadyRun
+from sumo_hmdp.sim.recorded_world import RecordedSettings
 from sumo_hmdp.study.store import SCHEMA_VERSION
 
 # What a scenario says besides the run itself: texts for people, and the sections of planners that do not drive.
 _NOT_RUN = ("description", "published", "planner", "planners")
 # Sections that came later: where there is none, a cell keeps the name that it had before.
-_LATER = ("matched_traffic", "road")
+_LATER = ("matched_traffic", "road", "tracks")
+_LATER_OF_EGO = ("vehicle", "planning_problem")
 # What a world with `noise` takes from the section of `hmdp_mpc`.
 _MODEL = ("period_s", "accel_mps2")
 
@@ -28,8 +30,14 @@ def content_of(run: ReadyRun) -> dict[str, Any]:
     if run.configuration.get("noise"):
         # Whoever drives, the surrounding vehicles are drawn from the model.
         scenario["model"] = {key: run.configuration["planners"]["hmdp_mpc"].get(key) for key in _MODEL}
-    # Networks may have the same name in different folders.
-    scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
+    ego = run.configuration["ego"]
+    scenario["ego"] = {key: value for key, value in ego.items() if not (key in _LATER_OF_EGO and value is None)}
+    # Networks and tracks may have the same name in different folders.
+    if isinstance(run.world, RecordedSettings):
+        tracks = {key: value for key, value in run.configuration["tracks"].items() if key != "recording_meta"}
+        scenario["tracks"] = tracks | {"file": run.world.traffic.digest}
+    else:
+        scenario["network"] = hashlib.sha256(Path(run.world.net_file).read_bytes()).hexdigest()
     version = planner_kind(run.planner_name, "planner").version
     content = {
         "schema_version": SCHEMA_VERSION,

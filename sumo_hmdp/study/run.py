@@ -12,12 +12,14 @@ import pandas as pd
 
 from sumo_hmdp.decision.decide import SolversDisagreeError
 from sumo_hmdp.decision.problem_file import problem_document
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.planned_distances import AuditSettings, audit_settings
 from sumo_hmdp.metrics.summary import run_metrics
 from sumo_hmdp.scenario.load import ReadyRun
 from sumo_hmdp.sim.episode import Moment, run_episode
+from sumo_hmdp.sim.recorded_world import RecordedSettings
 from sumo_hmdp.study.files import error_number, write_text
 from sumo_hmdp.study.machine import versions
 from sumo_hmdp.study.record import RUN_COLUMNS, Recorder, RunStatus, Trace
@@ -138,8 +140,7 @@ def record_of(
     """
     steps, decisions = recorder.step_table(), recorder.decision_table()
     finished = datetime.now(tz=UTC)
-    # Where there is traffic around, SUMO does not look for contacts.
-    disagreements = recorder.disagreements() if run.world.background is None else None
+    disagreements = recorder.disagreements() if _sumo_looks(run) else None
     manifest = run_manifest(run)
     row = {
         **run_facts(run, recorder.run_id, status, reason),
@@ -155,7 +156,7 @@ def record_of(
         "contact_count": len(recorder.contacts),
         "contact_at_fault_count": recorder.contacts_at_fault,
         "contact_first_s": min((contact.time for contact in recorder.contacts), default=None),
-        "sumo_contact_count": recorder.sumo_contacts if run.world.background is None else None,
+        "sumo_contact_count": recorder.sumo_contacts if _sumo_looks(run) else None,
         "contact_disagreement_count": None if disagreements is None else len(disagreements),
         "background_contact_count": recorder.background_contacts,
         "red_light_count": recorder.red_lights,
@@ -167,6 +168,8 @@ def record_of(
         "trace_hash": recorder.trace.hexdigest(),
         "versions_hash": versions_hash(manifest["versions"]),
     }
+    if isinstance(run.world, RecordedSettings) and (told := first_decision_note(decisions)):
+        manifest["network_notes"] = [*manifest["network_notes"], told]
     manifest |= {
         "run_id": recorder.run_id,
         "seed": run.seed,
@@ -179,6 +182,19 @@ def record_of(
     return RunRecord(
         recorder.run_id, status, reason, row, steps, decisions, tuple(recorder.documents), manifest, trace
     )  # fmt: skip
+
+
+def first_decision_note(decisions: pd.DataFrame) -> str:
+    """Return that recorded gaps left the first decision no plan that keeps the distances; empty where they did."""
+    first = str(decisions["status"].iloc[0]) if len(decisions) else ""
+    if first not in {Status.RELAXED, Status.FALLBACK}:
+        return ""
+    return f"the first decision is {first}: the gaps that were recorded are smaller than the planner's distances"
+
+
+def _sumo_looks(run: ReadyRun) -> bool:
+    """Tell whether SUMO looks for contacts: not where there is traffic around, or no SUMO."""
+    return not isinstance(run.world, RecordedSettings) and run.world.background is None
 
 
 def _audited_as(run: ReadyRun) -> AuditSettings | None:
@@ -223,6 +239,7 @@ def run_manifest(run: ReadyRun) -> dict[str, Any]:
         "parameters": dict(run.parameters),
         "configuration": dict(run.configuration),
         "network_notes": list(run.notes),
+        **({"tracks_sha256": run.world.traffic.digest} if isinstance(run.world, RecordedSettings) else {}),
     }
 
 

@@ -37,6 +37,8 @@ DIMENSIONLESS = {
     "schema_version", "seed", "seeds", "seeds_max", "seeds_min", "step",
     # The numbers of a distribution have the unit of the key that it stands under.
     "max", "mean", "min", "share", "std",
+    # Names in a record, which may look like numbers.
+    "lanelet", "leave_out", "planning_problem", "vehicle",
     # Vehicles a kilometre, or an hour, and lane.
     "density_vpkm_per_lane", "flow_vph_per_lane", "ramp_flow_vph", "side_flow_vph",
 }  # fmt: skip
