@@ -148,7 +148,7 @@ def _pairs(footprints: Sequence[BoolArray]) -> list[tuple[BoolArray, BoolArray]]
 
 @lru_cache(maxsize=4096)
 def lateral_transitions(policy: Policy) -> FloatArray:
-    """Return the probabilities of left, keep and right, (lanes, 3), masked and renormalised (eq. 3): the first step's."""
+    """Return the probabilities of left, keep and right at the first step, (lanes, 3), masked, renormalised (eq. 3)."""
     table = np.array(policy.lateral, dtype=np.float64)
     table[0, 0] = table[-1, 2] = 0.0
     total = table.sum(axis=1, keepdims=True)

@@ -20,7 +20,8 @@ class Policy:
     """A policy pi(a | s) as one distribution over the lateral action times one over the NEXT mode.
 
     The product is masked by admissibility and renormalised (docs/formulation.md, eq. 3). The distribution over the
-    lateral action may differ from one step of the horizon to the next (eq. 45).
+    lateral action may differ from one step of the horizon to the next
+    (docs/formulation.md, eq. 45).
 
     Attributes:
         lateral: for each lane 1..n the probabilities of left, keep, right at the first step; each row sums to 1.

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from sumo_hmdp.decision.contract import require_decision, steps_per_decision
 from sumo_hmdp.domain.maneuver import Mode
-from sumo_hmdp.domain.plan import Command, Decision, Planner
+from sumo_hmdp.domain.plan import Command, Decision, Observer, Planner
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.sim.contact import Contact, Snapshot, contacts, contacts_between
@@ -181,8 +181,12 @@ def run_episode(
         if step == settings.steps or touching or arrived:
             observe(moment(decision=None, tracking=None))
             return
-        if step % every == 0:
-            decision, memory = planner.decide(settings.measurement.perceive(scene, step), carry.planner_memory)
+        due, observer = step % every == 0, planner if isinstance(planner, Observer) else None
+        measured = settings.measurement.perceive(scene, step) if due or observer else scene
+        if observer:
+            carry = replace(carry, planner_memory=observer.observe(measured, carry.planner_memory))
+        if due:
+            decision, memory = planner.decide(measured, carry.planner_memory)
             require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, memory, scene)
         carry, speeds, tracking = drive(settings, motion, carry, scene)
