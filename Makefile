@@ -52,7 +52,7 @@ browser: # pages are tested in a real browser; where a container lacks one, Debi
 
 test: check docs browser ## everything that must hold: check, the site, then all tests on the installed package with coverage
 	$(VENV_PYTHON) -m coverage erase
-	$(VENV_PYTHON) -m pytest -n 2 --cov --cov-report=term
+	$(VENV_PYTHON) -m pytest -n 2 --dist worksteal --cov --cov-report=term
 
 paper: setup ## every figure and claim of the paper from our runs, into docs/ (about a minute)
 	$(VENV_PYTHON) analysis/01_paper_cases.py --figures docs/figures --page docs/reproduction.md

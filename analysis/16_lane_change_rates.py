@@ -1,15 +1,18 @@
 """How often vehicles start a lane change, by the incentive that the planner sees for it: the rates of its belief.
 
-Reads recorded runs of `highway` with seeds that no study and no test uses, weighs every change of every vehicle
-within 200 m of the ego by the planner's own IDM and MOBIL (`decision/lane_change_belief.py`), and counts the changes
-that begin within the next period of 0.8 s. The first 4 s are left out: nobody changes lanes at the end of the warm-up.
+Reads recorded runs with seeds that no study and no test uses, weighs every change of every vehicle within 200 m of the
+ego by the planner's own IDM and MOBIL (`decision/lane_change_belief.py`), and counts the changes that begin within the
+planner's next period. The first five periods are left out: nobody changes lanes at the end of the warm-up. Then it
+counts how often modes are seen one period later, and what the prediction of positions and speeds leaves over.
 
-    python analysis/16_lane_change_rates.py RESULTS      # a study folder with `trace: all`
+    python analysis/16_lane_change_rates.py RESULTS      # a study folder of one scenario with `trace: all`
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,8 +23,39 @@ from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID, VehicleState
 
-ROAD, STEPS_A_PERIOD, LEVELS = Road(3, 4.0), 4, ("unsafe", "unwanted", "undecided", "wanted")
+LEVELS = ("unsafe", "unwanted", "undecided", "wanted")
 DENSITY = "traffic.density_vpkm_per_lane"
+NEAR = 200.0
+# As in `prediction/reading.py`: a mode is read beyond this share of its acceleration.
+READ = 0.6
+MOVING = 0.5
+
+
+@dataclass(frozen=True)
+class World:
+    """What the planner of a recorded study is set to: its road, periods and horizon, and the lanes that end."""
+
+    road: Road
+    steps: int
+    period: float
+    horizon: float
+    accel: float
+    ending: tuple[int, ...]
+
+    @staticmethod
+    def of(manifest: Mapping[str, Any]) -> "World":
+        """Read it from the manifest of a run."""
+        scenario = manifest["document"]
+        planner = scenario["planners"]["hmdp_mpc"]
+        rates = scenario["traffic"]["belief"].get("lane_change_rates") or {}
+        return World(
+            Road(scenario["lanes"]["count"], scenario["lanes"]["width_m"]),
+            round(planner["period_s"] / scenario["dt_s"]),
+            planner["period_s"],
+            planner["period_s"] * planner["horizon_steps"],
+            planner["accel_mps2"],
+            tuple(rates.get("ending_lanes", ())),
+        )
 
 
 def states(table: pd.DataFrame) -> list[VehicleState]:
@@ -41,41 +75,63 @@ def states(table: pd.DataFrame) -> list[VehicleState]:
     ]
 
 
-def chances(run: pd.DataFrame) -> Iterator[tuple[int, bool]]:
-    """Yield for every vehicle, period and side the level of the incentive, and whether a change began."""
+def chances(run: pd.DataFrame, world: World) -> Iterator[tuple[str, bool]]:
+    """Yield for every vehicle, period and side the kind of its rate, and whether a change began."""
     instants = dict(tuple(run.groupby("step")))
-    for step in range(5 * STEPS_A_PERIOD, max(instants) - STEPS_A_PERIOD, STEPS_A_PERIOD):
+    for step in range(5 * world.steps, max(instants) - world.steps, world.steps):
         now = states(instants[step])
-        later = instants[step + STEPS_A_PERIOD].set_index("vehicle_id")["intended_lane"]
+        later = instants[step + world.steps].set_index("vehicle_id")["intended_lane"]
         ego = next(state for state in now if state.id == EGO_ID)
         others = [state for state in now if state.id != EGO_ID]
-        levels = incentive_levels(ROAD, others, [state.lane for state in others], ego)
+        levels = incentive_levels(world.road, others, [state.lane for state in others], ego, world.horizon)
         for state, level in zip(others, levels, strict=True):
-            changing = ROAD.lane_at(state.y) != state.lane
-            if changing or abs(state.x - ego.x) > 200.0 or state.id not in later.index:
+            changing = world.road.lane_at(state.y) != state.lane
+            if changing or abs(state.x - ego.x) > NEAR or state.id not in later.index:
                 continue
             for side in (0, 1):
                 lane = state.lane + 2 * side - 1
-                if ROAD.has_lane(lane):
-                    yield int(level[side]), bool(later[state.id] == lane)
+                if world.road.has_lane(lane):
+                    yield _kind(world, state.lane, lane, int(level[side])), bool(later[state.id] == lane)
+
+
+def _kind(world: World, lane: int, target: int, level: int) -> str:
+    if target in world.ending and lane not in world.ending:
+        return "into a lane that ends"
+    if level and lane in world.ending:
+        return "ending"
+    return LEVELS[level]
+
+
+def leftovers(run: pd.DataFrame, world: World) -> pd.DataFrame:
+    """Return for every vehicle and period the mode one period later, and the errors of x and speed where it moves."""
+    ego = run[run["vehicle_id"] == EGO_ID].set_index("step")["x_m"]
+    others = run[(run["vehicle_id"] != EGO_ID) & (run["step"] % world.steps == 0)]
+    near = others[((others["x_m"] - others["step"].map(ego)).abs() < NEAR) & (others["step"] >= 5 * world.steps)]
+    later = others.assign(step=others["step"] - world.steps)
+    both = near.merge(later, on=["vehicle_id", "step"], suffixes=("", "_later"))
+    share = both["accel_mps2_later"] / world.accel
+    mode = np.where(share > READ, 1, np.where(share < -READ, -1, 0))
+    speed = np.maximum(both["speed_mps"] + mode * world.accel * world.period, 0.0)
+    x = both["x_m"] + (both["speed_mps"] + speed) / 2 * world.period
+    errors = pd.DataFrame({"x": both["x_m_later"] - x, "speed": both["speed_mps_later"] - speed})
+    return errors.where(both["speed_mps"] > MOVING).assign(mode=mode)
 
 
 def main() -> None:
-    """Print how often lane changes begin, by density and incentive."""
+    """Print how often lane changes begin by density and incentive, the next modes, and what predictions leave over."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
     results = sumo_hmdp.load(parser.parse_args().results)
+    world = World.of(next(iter(results.manifests.values())))
     density = dict(zip(results.runs["run_id"], results.runs[DENSITY], strict=True))
-    rows = [
-        (density[run_id], level, began)
-        for run_id, run in results.steps.groupby("run_id")
-        for level, began in chances(run)
-    ]
-    found = pd.DataFrame(rows, columns=["density", "level", "began"])
-    found["incentive"] = np.array(LEVELS)[found["level"]]
-    for name, group in [*found.groupby("density"), ("15 and 25", found[found["density"] < 30])]:
-        counted = group.groupby("incentive")["began"].agg(["sum", "count", "mean"]).reindex(LEVELS)
-        print(f"density {name}\n{counted.to_string()}\n")
+    runs = dict(tuple(results.steps.groupby("run_id")))
+    rows = [(density[run_id], kind, began) for run_id, run in runs.items() for kind, began in chances(run, world)]
+    found = pd.DataFrame(rows, columns=["density", "incentive", "began"])
+    for name, group in [*found.groupby("density"), ("all", found)]:
+        print(f"density {name}\n{group.groupby('incentive')['began'].agg(['sum', 'count', 'mean']).to_string()}\n")
+    left = pd.concat([leftovers(run, world) for run in runs.values()])
+    print("next mode (braking, cruising, accelerating):", left["mode"].value_counts(normalize=True).to_dict())
+    print("variance of what is left over:", left[["x", "speed"]].var().round(4).to_dict())
 
 
 if __name__ == "__main__":

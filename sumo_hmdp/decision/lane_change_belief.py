@@ -2,7 +2,9 @@
 
 A driver changes lanes when it gains by it and nobody is endangered. The predictor weighs each vehicle's changes by its
 own IDM and MOBIL, once with the ego in the scene and once without, and takes the larger rate: the ego may have left a
-lane by the time that the vehicle enters it, so it must not see itself as a wall (docs/adr/0046).
+lane by the time that the vehicle enters it, so it must not see itself as a wall (docs/adr/0046). A vehicle that at the
+speeds of now will still be level with the ego when the horizon ends is taken to see it, or in a queue everybody beside
+the ego would be believed to drive into it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,6 +29,7 @@ TRUCK_LENGTH = 8.0
 CAR_SPEED, TRUCK_SPEED = 33.0, 24.0
 CAR_TIME_GAP, TRUCK_TIME_GAP = 1.2, 1.6
 POLITENESS = 0.2
+LEAST_GAP = 2.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,26 @@ class LaneChangeRates:
         unwanted: incentive below `UNDECIDED`.
         undecided: incentive from there to `WANTED`.
         wanted: incentive above it.
+        ending: from a lane that ends toward one that does not, where the change is safe.
+        ending_lanes: lanes that end within the road, an acceleration lane say. Vehicles must leave them, and enter
+            them with the floor's rate only.
     """
 
     unsafe: float = 0.0005
     unwanted: float = 0.001
-    undecided: float = 0.011
-    wanted: float = 0.107
+    undecided: float = 0.0135
+    wanted: float = 0.065
+    ending: float = 0.26
+    ending_lanes: tuple[int, ...] = ()
+
+    def of(self, lane: int, level: int, side: int) -> float:
+        """Return the rate of changes from a lane to the left (side 0) or right (side 1), at a level of incentive."""
+        ends, target_ends = lane in self.ending_lanes, lane + 2 * side - 1 in self.ending_lanes
+        if level == 0 or (target_ends and not ends):
+            return self.unsafe
+        if ends and not target_ends:
+            return self.ending
+        return (self.unsafe, self.unwanted, self.undecided, self.wanted)[level]
 
 
 # Incentives at which the rate changes [m/s2].
@@ -53,7 +70,11 @@ UNDECIDED, WANTED = -0.5, 0.2
 
 
 def lane_change_policies(
-    scene: Scene, read: Mapping[str, ManeuverState], rates: LaneChangeRates, longitudinal: Probabilities
+    scene: Scene,
+    read: Mapping[str, ManeuverState],
+    rates: LaneChangeRates,
+    longitudinal: Probabilities,
+    horizon: float,
 ) -> dict[str, Policy]:
     """Return a policy for each vehicle whose maneuver was read.
 
@@ -62,15 +83,17 @@ def lane_change_policies(
         read: lane intent and mode of the vehicles in question, by id.
         rates: of lane changes.
         longitudinal: distribution over the next mode, for all.
+        horizon: of the prediction [s].
     """
     if not read:
         return {}
     others = [other for other in scene.others if other.id in read]
     lanes = [read[other.id].lane for other in others]
-    level = incentive_levels(scene.road, others, lanes, scene.ego)
-    by_level = (rates.unsafe, rates.unwanted, rates.undecided, rates.wanted)
+    level = incentive_levels(scene.road, others, lanes, scene.ego, horizon)
     return {
-        other.id: _policy(scene.road.lane_count, lane, by_level[left], by_level[right], rates.unsafe, longitudinal)
+        other.id: _policy(
+            scene.road.lane_count, lane, rates.of(lane, left, 0), rates.of(lane, right, 1), rates.unsafe, longitudinal
+        )
         for other, lane, (left, right) in zip(others, lanes, level.tolist(), strict=True)
     }
 
@@ -88,18 +111,44 @@ def lane_rows(lane_count: int, lane: int, left: float, right: float, floor: floa
     return tuple(here if row == lane else other for row in range(1, lane_count + 1))
 
 
-def incentive_levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState) -> IntArray:
+def incentive_levels(
+    road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState, horizon: float
+) -> IntArray:
     """Return how much vehicles want to change left and right, 0 (unsafe) to 3 (wanted), (n, 2).
 
-    It is the larger of that with the ego in the scene and that without it.
+    It is the larger of that with the ego in the scene and that without it, except for vehicles that stay level with
+    the ego.
 
     Args:
         road: the lanes.
         others: the vehicles, n of them.
         lanes: that each intends.
         ego: the ego.
+        horizon: of the prediction [s].
     """
-    return np.maximum(_levels(road, others, lanes, None), _levels(road, others, lanes, ego))
+    return larger_if_clear(_levels(road, others, lanes, ego), _levels(road, others, lanes, None), others, ego, horizon)
+
+
+def larger_if_clear(
+    seeing: IntArray, blind: IntArray, others: Sequence[VehicleState], ego: VehicleState, horizon: float
+) -> IntArray:
+    """Return the larger level of those with and without the ego, except for vehicles that stay level with it.
+
+    Args:
+        seeing: levels with the ego in the scene, (..., n, 2).
+        blind: levels without it, likewise.
+        others: the vehicles, n of them.
+        ego: the ego.
+        horizon: of the prediction [s].
+    """
+    clear = np.array([not _stays_level(other, ego, horizon) for other in others], dtype=bool)
+    return np.where(clear[:, None], np.maximum(blind, seeing), seeing)
+
+
+def _stays_level(other: VehicleState, ego: VehicleState, horizon: float) -> bool:
+    """Tell whether, at the speeds of now, a vehicle ends the horizon nearer to the ego than the least gap."""
+    ahead = other.x - ego.x + (other.speed - ego.speed) * horizon
+    return ahead - other.length < LEAST_GAP and -ahead - ego.length < LEAST_GAP
 
 
 def _levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState | None) -> IntArray:
@@ -154,7 +203,7 @@ def _drivers(speed: FloatArray, length: FloatArray) -> Drivers:
     truck, ones = length > TRUCK_LENGTH, np.ones(len(speed))
     return Drivers(
         desired_speed=np.maximum(speed, np.where(truck, TRUCK_SPEED, CAR_SPEED)),
-        min_gap=2.0 * ones,
+        min_gap=LEAST_GAP * ones,
         time_gap=np.where(truck, TRUCK_TIME_GAP, CAR_TIME_GAP),
         accel=1.4 * ones,
         decel=2.0 * ones,

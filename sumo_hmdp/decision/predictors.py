@@ -121,10 +121,10 @@ Policies = Callable[[Scene, Reading, Belief, PredictorContext], Mapping[str, Pol
 
 def _stated_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Mapping[str, Policy]:
     """Return the policies that the scenario states, or those by its rates where it has rates."""
-    del context
     if belief.rates is None:
         return {}
-    return lane_change_policies(scene, read, belief.rates, belief.policy.at(scene.time).longitudinal)
+    longitudinal = belief.policy.at(scene.time).longitudinal
+    return lane_change_policies(scene, read, belief.rates, longitudinal, context.period * context.horizon_steps)
 
 
 def _rollout_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Mapping[str, Policy]:

@@ -71,7 +71,7 @@ class PlannerFile(FileModel):
     speed_max_mps: Annotated[float, Field(gt=0, le=1e3)]
     safe_distance_m: NonNegative
     risk_level: Annotated[float, Field(gt=0, le=0.5)]
-    risk_allocation: Literal["individual", "uniform", "mixture", "joint"]
+    risk_allocation: Literal["individual", "uniform", "mixture", "joint"] = "joint"
     sequence_threshold: Annotated[float, Field(gt=0, le=1)]
     action_threshold: Annotated[float, Field(ge=0, lt=1)] = 0.0
     maneuver_cost: Annotated[list[CostRow], Field(min_length=3, max_length=3)]

@@ -16,6 +16,7 @@ from sumo_hmdp.decision.lane_change_belief import (
     LaneChangeRates,
     change_levels,
     lane_rows,
+    larger_if_clear,
     seen_vehicles,
 )
 from sumo_hmdp.domain.maneuver import ManeuverState
@@ -55,15 +56,13 @@ def rollout_policies(
     """
     others = [other for other in scene.others if other.id in read]
     lanes = [read[other.id].lane for other in others]
-    levels = np.maximum(
-        rollout_levels(scene.road, others, lanes, None, horizon, following),
-        rollout_levels(scene.road, others, lanes, scene.ego, horizon, following),
-    )
-    by_level = (rates.unsafe, rates.unwanted, rates.undecided, rates.wanted)
+    seeing = rollout_levels(scene.road, others, lanes, scene.ego, horizon, following)
+    blind = rollout_levels(scene.road, others, lanes, None, horizon, following)
+    levels = larger_if_clear(seeing, blind, others, scene.ego, horizon[0] * horizon[1])
     count, found = scene.road.lane_count, {}
     for row, (other, lane) in enumerate(zip(others, lanes, strict=True)):
         tables = [
-            lane_rows(count, lane, by_level[left], by_level[right], rates.unsafe)
+            lane_rows(count, lane, rates.of(lane, left, 0), rates.of(lane, right, 1), rates.unsafe)
             for left, right in levels[:, row].tolist()
         ]
         # Steps at the end that are alike are one table, so that equal policies are equal.

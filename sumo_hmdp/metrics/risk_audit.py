@@ -7,6 +7,9 @@ never mixed:
 - plan: plans all of whose steps were recorded, and violated ones that a contact cut short;
 - run: runs with such a plan.
 
+An *event* is a row of consecutive plans that were violated by a common vehicle: one lane change of a neighbour can
+violate every plan whose horizon it falls into.
+
 The verdict on a rate of optimal plans, first match, with the interval of `metrics.proportion.clustered_proportion`,
 whose sampling unit is the run:
 
@@ -110,8 +113,9 @@ def violation_rates(
 
     Returns:
         One row per group, status and unit: the columns of `by`, `status`, `risk_level`, `per` (step, plan, run),
-        `violation_count`, `trial_count`, `run_count`, `violation_rate`, `low_rate`, `high_rate`; `effective_count`,
-        the independent trials that would tell as much, and `df_count`, the degrees of freedom behind it; `verdict`.
+        `violation_count`, `event_count` (those of the row's violations), `trial_count`, `run_count`,
+        `violation_rate`, `low_rate`, `high_rate`; `effective_count`, the independent trials that would tell as much,
+        and `df_count`, the degrees of freedom behind it; `verdict`.
 
     Raises:
         InputError: if a column is missing.
@@ -128,6 +132,7 @@ def violation_rates(
     units = ("step",) if "horizon_step" in by else ("step", "plan", "run")
     found = []
     for key, group in rows.groupby(keys, dropna=False, sort=True):
+        events = event_count(group)
         for unit in units:
             trials = trials_of(group, unit)
             measured = _interval_of(trials, level)
@@ -138,6 +143,7 @@ def violation_rates(
                     **dict(zip(keys, key, strict=True)),
                     "per": unit,
                     "violation_count": measured.violations,
+                    "event_count": events,
                     "trial_count": measured.plans,
                     "run_count": measured.runs,
                     "violation_rate": measured.rate,
@@ -149,6 +155,20 @@ def violation_rates(
                 }
             )
     return pd.DataFrame(found)
+
+
+def event_count(group: pd.DataFrame) -> int:
+    """Count the rows of consecutive plans that were violated by a common vehicle.
+
+    Args:
+        group: as `audit_run` returns it.
+    """
+    causes: dict[tuple[str, int], set[str]] = {}
+    violated = group[group["violated"]]
+    named = zip(violated["run_id"], violated["decision_index"].tolist(), violated["vehicle_id"], strict=True)
+    for run_id, decision, vehicle in named:
+        causes.setdefault((run_id, decision), set()).add(vehicle)
+    return sum(causes.get((run_id, decision - 1), set()).isdisjoint(v) for (run_id, decision), v in causes.items())
 
 
 def trials_of(group: pd.DataFrame, unit: str) -> pd.DataFrame:

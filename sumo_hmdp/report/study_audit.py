@@ -12,8 +12,8 @@ from sumo_hmdp.report.study_table import StudyTable, each, interval, listed, num
 from sumo_hmdp.report.study_traces import TracedCell
 
 _COLUMNS = [
-    "cell", "risk_allocation", "status", "risk_level", "per", "violation_count", "trial_count", "run_count",
-    "violation_rate", "low_rate", "high_rate", "effective_count", "df_count", "verdict",
+    "cell", "risk_allocation", "status", "risk_level", "per", "violation_count", "event_count", "trial_count",
+    "run_count", "violation_rate", "low_rate", "high_rate", "effective_count", "df_count", "verdict",
 ]  # fmt: skip
 _STEP_COLUMNS = [name for name in _COLUMNS if name not in {"per", "verdict"}]
 _STEP_COLUMNS.insert(3, "horizon_step")
@@ -72,17 +72,18 @@ def audit_table(audit: StudyAudit) -> StudyTable:
         asked, rate = row["risk_level"], row["violation_rate"]
         ratio = number(rate / asked, 2) if asked and asked > 0 else number(None)
         runs = str(row["run_count"]), number(row["effective_count"])
-        counted = f"{row['violation_count']} of {row['trial_count']}", *runs
+        counted = f"{row['violation_count']} of {row['trial_count']}", str(row["event_count"]), *runs
         measured = number(100 * rate), interval(100 * row["low_rate"], 100 * row["high_rate"]), ratio
         told = row["status"], str(row["per"]), number(100 * asked)
         rows.append((row["cell_label"], str(row["risk_allocation"]), *told, *counted, *measured, str(row["verdict"])))
     headings = (
-        "cell", "risk rule", "plans", "per", "asked [%]", "violated", "runs", "effective", "rate [%]",
+        "cell", "risk rule", "plans", "per", "asked [%]", "violated", "events", "runs", "effective", "rate [%]",
         "95 % interval", "rate over asked", "verdict",
     )  # fmt: skip
     note = (
         "A planned step is violated where, at its instant, a vehicle that the plan kept a distance to and that took up "
-        "a lane of the plan was nearer than the planner's own safe distance. Intervals: the runs are the "
+        "a lane of the plan was nearer than the planner's own safe distance. Consecutive plans that the same vehicle "
+        "violated are one event. Intervals: the runs are the "
         "sampling unit (Korn and Graubard); effective is the number of independent plans that would tell as much, and "
         "without a violation that is the number of runs. The claims hold where vehicles move as predicted, which "
         "those that SUMO drives do not promise. The rule individual claims less than a rate per plan; plans that are "

@@ -58,12 +58,18 @@ def frontier_figure(name: str, points: Points) -> StudyFigure:
             _frontier_panel(axes, points, context, planners)
         return figure
 
-    key = "A point a cell; lines are 95 % intervals. Up is faster, left is safer; dashed: a cell that makes no plans."
+    key = (
+        "A point a cell with its 95 % intervals; a thin line joins the risk levels of a planner. Up is faster, left is "
+        "safer; dashed: a cell that makes no plans."
+    )
     return StudyFigure(name, title, key, alt, draw)
 
 
 def _frontier_panel(axes: Axes, points: Points, context: str, planners: Sequence[str]) -> None:
     mine, rest = (frame[frame["context"] == context] for frame in (points.frame, points.rest))
+    for planner, swept in mine[mine["risk_level"].notna()].groupby("planner"):
+        path = swept.sort_values("risk_level")
+        axes.plot(path["x"], path["y"], color=look(planners.index(str(planner)))[0], lw=0.8, alpha=0.6)
     for row in each(mine):
         color, marker = look(planners.index(row.planner))
         spread = [[row.x - row.x_low], [row.x_high - row.x]], [[row.y - row.y_low], [row.y_high - row.y]]

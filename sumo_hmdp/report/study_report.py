@@ -124,8 +124,8 @@ def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyRep
     replays = study_replays(data.folder, worst["run_id"], lambda: work.tick(_REPLAY))
     timed = len(decisions) and decisions["solve_time_p99_ms"].notna().any()
     sections = (
-        Section("verdict", "Verdict", verdict, tables=(verdict_table(findings),)),
-        Section("frontier", "Risk and efficiency", (), tuple(_frontiers(cells, audit)), (cell_table(cells),)),
+        Section("verdict", "Verdict", verdict, tuple(_opening(cells, audit)), (verdict_table(findings),)),
+        Section("frontier", "Risk and efficiency", (), tuple(_contact_frontier(cells)), (cell_table(cells),)),
         *_risk_sections(audit, traced, uncovered_sentences(data)),
         Section(
             "differences", "Differences on common seeds", (), (forest_figure(findings),) if findings else (),
@@ -155,8 +155,7 @@ def study_report(folder: Path, page: Path, work: Work | None = None) -> StudyRep
 
 def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell], uncovered: tuple[str, ...]) -> Iterator[Section]:
     """Yield what the plans risked, with the causes of violations, and whether the predictions were right."""
-    figures = [risk_figure(audit.plans)] if len(audit.plans) else []
-    tables = [audit_table(audit)]
+    figures, tables = [], [audit_table(audit)]
     if len(audit.rates):
         blame = blame_frame(traced)
         drawn = blame_figure(blame)
@@ -172,15 +171,24 @@ def _risk_sections(audit: StudyAudit, traced: Sequence[TracedCell], uncovered: t
         yield Section("prediction", title, (), (prediction_figure(found),), prediction_tables(found), folded=True)
 
 
-def _frontiers(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:
-    """Yield the frontier of contacts, and that of violations where plans could be audited."""
+def _cells_that_ran(cells: pd.DataFrame) -> pd.DataFrame:
+    """Return the cells with a speed and a rate of contacts [%], by the names that a frontier draws."""
     speeds = {"y": cells["speed_mean_mps"], "y_low": cells["speed_low_mps"], "y_high": cells["speed_high_mps"]}
     rates = {"x": cells["contact_rate"], "x_low": cells["contact_low_rate"], "x_high": cells["contact_high_rate"]}
     every = cells.assign(**speeds, **{name: 100 * values for name, values in rates.items()})
-    ran = every[every["y"].notna() & every["x"].notna()]
-    if len(ran):
+    return every[every["y"].notna() & every["x"].notna()]
+
+
+def _contact_frontier(cells: pd.DataFrame) -> Iterator[StudyFigure]:
+    """Yield the frontier of contacts, where a contact was seen: points that are all at 0 say nothing by their place."""
+    ran = _cells_that_ran(cells)
+    if ran["x"].any():
         yield frontier_figure("frontier_contacts", Points(ran, "contact rate", ran.iloc[:0]))
-    plans = audit.plans[audit.plans["status"] == "optimal"]
+
+
+def _opening(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:
+    """Yield what a reader wants first: the frontier of violations, and the risk taken beside the risk asked for."""
+    ran, plans = _cells_that_ran(cells), audit.plans[audit.plans["status"] == "optimal"]
     if len(ran) and len(plans):
         names = {"violation_rate": "x", "low_rate": "x_low", "high_rate": "x_high"}
         measured = plans.rename(columns=names)[["cell_label", *names.values()]]
@@ -188,6 +196,8 @@ def _frontiers(cells: pd.DataFrame, audit: StudyAudit) -> Iterator[StudyFigure]:
         joined = ran.drop(columns=list(names.values())).merge(measured, on="cell_label")
         rest = ran[~ran["cell_label"].isin(joined["cell_label"]) & ran["risk_level"].isna()]
         yield frontier_figure("frontier_violations", Points(joined, "violation rate per plan", rest))
+    if len(audit.plans):
+        yield risk_figure(audit.plans)
 
 
 def write_study_report(

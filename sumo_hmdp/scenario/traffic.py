@@ -143,16 +143,23 @@ class CourtesyFile(FileModel):
 
 
 class LaneChangeRatesFile(FileModel):
-    """`traffic.belief.lane_change_rates`: probabilities of starting a lane change to one side in a period."""
+    """`traffic.belief.lane_change_rates`: probabilities of starting a lane change to one side in a period.
+
+    `ending` is that of leaving one of the `ending_lanes`, where the change is safe.
+    """
 
     unsafe: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.unsafe
     unwanted: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.unwanted
     undecided: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.undecided
     wanted: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.wanted
+    ending: Annotated[float, Field(ge=0, le=0.5)] = LaneChangeRates.ending
+    ending_lanes: Annotated[list[int], Field(max_length=ENTRIES_MAX)] = Field(default_factory=list)
 
     def rates(self) -> LaneChangeRates:
         """Return the rates as the planner uses them."""
-        return LaneChangeRates(self.unsafe, self.unwanted, self.undecided, self.wanted)
+        return LaneChangeRates(
+            self.unsafe, self.unwanted, self.undecided, self.wanted, self.ending, tuple(self.ending_lanes)
+        )
 
 
 class BeliefFile(PolicyFile, NoiseFile, LaneFollowingFile):
@@ -229,6 +236,11 @@ class TrafficFile(FileModel):
         for index, lane in enumerate(self.lanes or ()):
             if not 1 <= lane <= lane_count:
                 yield Problem(f"traffic.lanes[{index}]", f"must be 1..{lane_count}, got {lane}; take it out")
+        rates = self.belief.lane_change_rates
+        for index, lane in enumerate(() if rates is None else rates.ending_lanes):
+            if not 1 <= lane <= lane_count:
+                path = f"traffic.belief.lane_change_rates.ending_lanes[{index}]"
+                yield Problem(path, f"must be 1..{lane_count}, got {lane}; take it out")
         if self.lanes is not None and len(set(self.lanes)) < len(self.lanes):
             yield Problem("traffic.lanes", f"must name a lane once, got {self.lanes}; take one out")
         steps = self.warm_up_s / dt

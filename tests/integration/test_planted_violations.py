@@ -35,7 +35,9 @@ def test_doubled_noise_is_found_and_the_noise_that_was_told_of_is_not(noise_scal
     assert found["trial_count"] > 300
     assert found["verdict"] in verdicts
     few = audited[(audited["run_id"] == "r0") & (audited["decision_index"] < 10)]
-    assert verdict(few, runs)[["trial_count", "verdict"]].tolist() in ([10, "too few data"], [9, "too few data"])
+    # Of ten plans those that are not optimal are counted apart.
+    assert 8 <= verdict(few, runs)["trial_count"] <= 10
+    assert verdict(few, runs)["verdict"] == "too few data"
 
 
 # Of matched_tight: variances of the leader's noise in a step, and the period.

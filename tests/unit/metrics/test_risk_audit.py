@@ -16,7 +16,7 @@ from sumo_hmdp.metrics.decision_tables import with_intents
 from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run, audit_settings
 from sumo_hmdp.metrics.proportion import clustered_proportion
 from sumo_hmdp.metrics.registry import RunData
-from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, judge, violation_rates
+from sumo_hmdp.metrics.risk_audit import Verdict, audit_results, event_count, judge, violation_rates
 from sumo_hmdp.metrics.trace import Motion, Trace
 
 ROAD = Road(3, 4.0)
@@ -177,6 +177,7 @@ def many(violated_by_run, planner="hmdp", first=0):
                 "horizon_step": 1 + index % 2,
                 "observed": True,
                 "violated": bool(value),
+                "vehicle_id": "car" if value else "",
             }
             for run, values in enumerate(violated_by_run)
             for index, value in enumerate(values)
@@ -200,6 +201,18 @@ def test_rates_by_planner_and_step():
     assert per["a", "plan"] == "violated"
     assert per["b", "plan"] == "conservative"
     assert set(per[:, "run"]) == {"no claim"}
+
+
+def test_consecutive_plans_that_one_vehicle_violates_are_one_event():
+    audited = many([[1, 1, 1, 0, 1, 0], [0, 1, 1, 0, 0, 0]])
+    assert event_count(audited) == 3
+    # Another vehicle is another event, also without a plan between them.
+    other = audited.copy()
+    other.loc[(other["run_id"] == "r0") & (other["decision_index"] == 2), "vehicle_id"] = "truck"
+    assert event_count(other) == 4
+    assert event_count(many([[0, 0]])) == 0
+    rates = violation_rates(audited, runs_of(("r0", "a", "completed", 0.05), ("r1", "a", "completed", 0.05)))
+    assert rates.set_index("per").loc["plan", ["violation_count", "event_count"]].tolist() == [6, 3]
 
 
 def test_runs_that_fail_as_a_whole_widen_the_interval():
