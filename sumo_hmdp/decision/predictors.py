@@ -295,8 +295,15 @@ def predictor_kinds() -> dict[str, PredictorKind]:
     return kinds
 
 
-def build_predictor(name: str | None, context: PredictorContext) -> Predictor:
+def build_predictor(
+    name: str | None, context: PredictorContext, path: str = "planners.hmdp_mpc.predictor"
+) -> Predictor:
     """Return a predictor by name; None takes what the scenario states.
+
+    Args:
+        name: as in the registry.
+        context: what the planner offers.
+        path: of the name, for the messages.
 
     Raises:
         InputError: if there is none of this name, with the nearest known one.
@@ -306,5 +313,5 @@ def build_predictor(name: str | None, context: PredictorContext) -> Predictor:
     kinds = predictor_kinds()
     if name not in kinds:
         message = f"must be a known predictor, got {shown(name)}; {nearest(name, kinds)}"
-        raise InputError([Problem("planners.hmdp_mpc.predictor", message)])
+        raise InputError([Problem(path, message)])
     return kinds[name].build(context)

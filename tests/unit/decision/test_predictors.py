@@ -77,7 +77,7 @@ def test_the_first_step_is_the_incentive_of_now():
 
 
 def scalar_rollout(x, speed, leader_x, leader_speed, accel, steps):
-    """Move a 33 m/s car behind a leader of 12 m that drives freely (24 m/s), both by IDM, and return the car's states."""
+    """Move a car (33 m/s) behind a truck of 12 m that drives freely (24 m/s), both by IDM, and return all states."""
 
     def free(v, desired):
         return 1.4 * (1.0 - (v / desired) ** 4)
