@@ -15,7 +15,7 @@ from sumo_hmdp.decision.rollout import rollout_policies
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import InputError, Problem
-from sumo_hmdp.prediction.branches import PredictedVehicle
+from sumo_hmdp.prediction.branches import Drift, PredictedVehicle
 from sumo_hmdp.prediction.dynamics import Noise
 from sumo_hmdp.prediction.lateral import LaneFollowing
 from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
@@ -116,18 +116,21 @@ class PredictorKind:
 
 
 Reading = Mapping[str, ManeuverState]
-Policies = Callable[[Scene, Reading, Belief, PredictorContext], Mapping[str, Policy]]
+Said = Mapping[str, tuple[Policy, Drift]]
+Policies = Callable[[Scene, Reading, Belief, PredictorContext], Said]
 
 
-def _stated_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Mapping[str, Policy]:
+def _stated_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Said:
     """Return the policies that the scenario states, or those by its rates where it has rates."""
     if belief.rates is None:
         return {}
     longitudinal = belief.policy.at(scene.time).longitudinal
-    return lane_change_policies(scene, read, belief.rates, longitudinal, context.period * context.horizon_steps)
+    horizon = context.period * context.horizon_steps
+    found = lane_change_policies(scene, read, belief.rates, longitudinal, horizon)
+    return {name: (policy, ()) for name, policy in found.items()}
 
 
-def _rollout_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Mapping[str, Policy]:
+def _rollout_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Said:
     """Return the policies by the incentive along an IDM rollout."""
     return rollout_policies(
         scene,
@@ -178,8 +181,13 @@ class BeliefPredictor:
             maneuver = read.get(other.id)
             believed = belief if maneuver is not None else context.beliefs[other.id]
             if believed is not None:
-                policy = policies.get(other.id) or believed.policy.at(scene.time)
-                vehicles[other.id] = _predicted(other, maneuver, policy, believed)
+                policy, drift = policies.get(other.id) or (believed.policy.at(scene.time), ())
+                # The modes of a vehicle that may come to rest say how it stops; else its acceleration is in the drift.
+                if drift and other.speed < context.horizon_steps * context.accel * context.period:
+                    drift = ()
+                if drift and maneuver is not None:
+                    maneuver = ManeuverState(maneuver.lane, Mode.CRUISE)
+                vehicles[other.id] = replace(_predicted(other, maneuver, policy, believed), drift=drift)
         return Forecast(vehicles, read)
 
 
@@ -258,7 +266,7 @@ BUILT_IN = (
     PredictorKind("constant_velocity", "everybody keeps speed and lane for sure", ConstantVelocity),
     PredictorKind(
         "idm_rollout",
-        "lane changes by the MOBIL incentive at each step of an IDM rollout of all vehicles",
+        "motion by an IDM rollout of all vehicles, lane changes by the MOBIL incentive at each step of it",
         lambda context: BeliefPredictor(_with_rates(context), "idm_rollout", _rollout_policies),
     ),
 )

@@ -77,6 +77,20 @@ def cross_checks(raw: RawDocument) -> Iterator[Problem]:
                 yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {shown(vehicle_id)}")
             ids.add(vehicle_id)
         yield from table_checks(raw.get("vehicles", index), path, raw.lane_count())
+        yield from _drift_checks(raw, index, horizon)
+
+
+def _drift_checks(raw: RawDocument, index: int, horizon: int | None) -> Iterator[Problem]:
+    drift, path = raw.get("vehicles", index, "drift"), f"vehicles[{index}].drift"
+    if not isinstance(drift, list) or not drift or horizon is None:
+        return
+    if len(drift) != horizon:
+        yield Problem(path, f"must have horizon_steps ({horizon}) steps, got {len(drift)}; leave it out for none")
+    speed, accel = raw.number("vehicles", index, "speed_mps"), raw.number("planner", "accel_mps2")
+    period = raw.number("planner", "period_s")
+    if speed is not None and accel is not None and period is not None and speed < horizon * accel * period:
+        message = "must go with a vehicle that cannot come to rest within the horizon (speed_mps of at least "
+        yield Problem(path, f"{message}{horizon * accel * period:g} m/s), got {speed:g} m/s; leave it out")
 
 
 def _lane_checks(raw: RawDocument) -> Iterator[Problem]:

@@ -174,6 +174,7 @@ def _vehicle_document(vehicle: PredictedVehicle) -> dict[str, Any]:
         "process_lateral_var_m2": vehicle.noise.process_lateral_var,
         "lane_change_time_s": vehicle.following.change_time,
         "lane_keeping_time_s": vehicle.following.keeping_time,
+        **({} if not vehicle.drift else {"drift": [{"x_m": x, "speed_mps": v} for x, v in vehicle.drift]}),
     }
 
 

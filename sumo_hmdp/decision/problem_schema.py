@@ -268,15 +268,25 @@ class StateFile(FileModel):
         )
 
 
+class DriftFile(FileModel):
+    """How much farther and faster a vehicle is after a step than its modes alone lead to."""
+
+    x_m: Number
+    speed_mps: Number
+
+
 class VehicleFile(StateFile, PolicyFile, NoiseFile, LaneFollowingFile):
     """One surrounding vehicle.
 
     `lateral_probs_later` holds the lateral tables of the second step of the horizon and those after it, where they
-    differ from step to step; the last one holds for all steps that remain.
+    differ from step to step; the last one holds for all steps that remain. `drift` is how much farther and faster it is
+    after each step than its modes alone lead to.
     """
 
     id: Annotated[str, Field(min_length=1, max_length=NAME_MAX)]
     lateral_probs_later: Annotated[list[LateralTables], Field(max_length=HORIZON_MAX - 1)] = Field(default_factory=list)
+
+    drift: Annotated[list[DriftFile], Field(max_length=HORIZON_MAX)] = Field(default_factory=list)
 
     def policy(self, lane_count: int) -> Policy:
         """Return the policy with one lateral row a lane and step."""
@@ -350,6 +360,7 @@ class ProblemFile(FileModel):
                     vehicle.policy(self.lanes.count),
                     vehicle.noise(),
                     vehicle.following(),
+                    tuple((step.x_m, step.speed_mps) for step in vehicle.drift),
                 )
                 for vehicle in self.vehicles
             ),

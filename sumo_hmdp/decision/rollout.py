@@ -9,6 +9,7 @@ counts.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from sumo_hmdp.decision.lane_change_belief import (
 from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
+from sumo_hmdp.prediction.branches import Drift
 from sumo_hmdp.prediction.dynamics import FloatArray
 from sumo_hmdp.prediction.lateral import LaneFollowing, centers_of
 from sumo_hmdp.prediction.policy import Policy, Probabilities
@@ -43,8 +45,8 @@ def rollout_policies(
     longitudinal: Probabilities,
     horizon: tuple[float, int],
     following: LaneFollowing,
-) -> dict[str, Policy]:
-    """Return a policy that differs from step to step for each vehicle whose maneuver was read.
+) -> dict[str, tuple[Policy, Drift]]:
+    """Return a policy that differs from step to step, and the drift, of each vehicle whose maneuver was read.
 
     Args:
         scene: the ego and all others.
@@ -56,9 +58,9 @@ def rollout_policies(
     """
     others = [other for other in scene.others if other.id in read]
     lanes = [read[other.id].lane for other in others]
-    seeing = rollout_levels(scene.road, others, lanes, scene.ego, horizon, following)
-    blind = rollout_levels(scene.road, others, lanes, None, horizon, following)
-    levels = larger_if_clear(seeing, blind, others, scene.ego, horizon[0] * horizon[1])
+    rolled = rollout(scene.road, others, lanes, scene.ego, horizon, following)
+    blind = rollout(scene.road, others, lanes, None, horizon, following)
+    levels = larger_if_clear(rolled.levels, blind.levels, others, scene.ego, horizon[0] * horizon[1])
     count, found = scene.road.lane_count, {}
     for row, (other, lane) in enumerate(zip(others, lanes, strict=True)):
         tables = [
@@ -68,19 +70,34 @@ def rollout_policies(
         # Steps at the end that are alike are one table, so that equal policies are equal.
         while len(tables) > 1 and tables[-1] == tables[-2]:
             tables.pop()
-        found[other.id] = Policy(tables[0], longitudinal, tuple(tables[1:]))
+        drift = np.column_stack([rolled.x[:, row], rolled.speed[:, row]])
+        found[other.id] = Policy(tables[0], longitudinal, tuple(tables[1:])), tuple(map(tuple, drift.tolist()))
     return found
 
 
-def rollout_levels(
+class Rollout(NamedTuple):
+    """Where a rollout leads n vehicles.
+
+    Attributes:
+        levels: how much they want to change left and right at the start of each step, 0..3, (H, n, 2).
+        x: how much farther they are after each step than at the speed of now, (H, n) [m].
+        speed: how much faster than now, (H, n) [m/s].
+    """
+
+    levels: IntArray
+    x: FloatArray
+    speed: FloatArray
+
+
+def rollout(
     road: Road,
     others: Sequence[VehicleState],
     lanes: Sequence[int],
     ego: VehicleState | None,
     horizon: tuple[float, int],
     following: LaneFollowing,
-) -> IntArray:
-    """Return how much n vehicles want to change left and right at the start of each step, 0..3, (H, n, 2).
+) -> Rollout:
+    """Roll n vehicles out, each in the lane that it intends (docs/formulation.md, eq. 46).
 
     Args:
         road: the lanes.
@@ -99,7 +116,8 @@ def rollout_levels(
     surplus: FloatArray | None = None
     substeps = int(np.ceil(period / ROLLOUT_STEP - 1e-9))
     dt, found = period / substeps, []
-    for k in range(steps):
+    start, moved, faster = vehicles, [], []
+    for k in range(steps + 1):
         if k:
             for part in range(substeps):
                 accel = idm_accels(vehicles, road.lane_count)
@@ -110,11 +128,14 @@ def rollout_levels(
                 accel = accel + surplus * np.exp(-time / FADE_TIME)
                 speed = np.maximum(vehicles.speed + accel * dt, 0.0)
                 vehicles = replace(vehicles, x=vehicles.x + (vehicles.speed + speed) / 2 * dt, speed=speed)
+            moved.append((vehicles.x - start.x - k * period * start.speed)[:n])
+            faster.append((vehicles.speed - start.speed)[:n])
             reach = following.change_speed(road) * k * period
             here = _lanes_at(road, y + np.clip(to_go, -reach, reach))
             vehicles = replace(vehicles, second_lane=np.where(here != vehicles.lane, here, 0))
-        found.append(change_levels(vehicles, n, road.lane_count))
-    return np.stack(found)
+        if k < steps:
+            found.append(change_levels(vehicles, n, road.lane_count))
+    return Rollout(np.stack(found), np.stack(moved), np.stack(faster))
 
 
 def idm_accels(vehicles: Vehicles, lane_count: int) -> FloatArray:

@@ -36,6 +36,7 @@ from sumo_hmdp.prediction.lateral import (
 from sumo_hmdp.prediction.policy import Policy, action_probabilities
 
 IntArray = NDArray[np.int64]
+Drift = tuple[tuple[float, float], ...]
 
 # A product that equals the threshold on paper may miss it by rounding; it is kept.
 THRESHOLD_SLACK = 1e-12
@@ -64,12 +65,16 @@ class PredictedVehicle:
         policy: how it chooses its actions.
         noise: how uncertain its motion is.
         following: how it moves across the road.
+        drift: for each step 1..H how much farther [m] and faster [m/s] it is than its modes alone lead to, whatever
+            they are: a fading acceleration, say (docs/formulation.md, eq. 46). Empty for none. Only for vehicles that
+            cannot come to rest within the horizon.
     """
 
     state: VehicleState
     policy: Policy
     noise: Noise
     following: LaneFollowing = field(default_factory=LaneFollowing)
+    drift: Drift = ()
 
 
 @dataclass(frozen=True)
@@ -164,6 +169,10 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
             x_now, speed_now, settings.accel * mode.astype(np.float64), settings.period
         )
         x[:, k], speed[:, k], mode = x_now, speed_now, modes[:, k]
+    if any(v.drift for v in vehicles):
+        drifts = drifts_of(vehicles, H)
+        x += drifts[vehicle, :, 0]
+        speed[:] = np.maximum(speed + drifts[vehicle, :, 1], 0.0)
     deviations = np.array([_position_deviations(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
     kept = np.bincount(vehicle, weights=probability, minlength=V) if V else np.zeros(0)
     return Branches(
@@ -178,6 +187,15 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
         x_std=deviations,
         pruned=np.minimum(np.maximum(1.0 - kept, 0.0), 1.0),
     )
+
+
+def drifts_of(vehicles: Sequence[PredictedVehicle], steps: int) -> FloatArray:
+    """Return the drifts of vehicles after each step 1..H in metres and m/s, (V, H, 2) (docs/formulation.md, eq. 46)."""
+    found = np.zeros((len(vehicles), steps, 2))
+    for row, vehicle in enumerate(vehicles):
+        if vehicle.drift:
+            found[row] = vehicle.drift
+    return found
 
 
 def require_few_sequences(policy: Policy, settings: PredictionSettings) -> None:

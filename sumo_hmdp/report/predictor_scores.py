@@ -246,7 +246,8 @@ def position_mixture(
     places = places_of(vehicle.policy.longitudinal, int(state.mode), speed, context.horizon_steps, by_speed=False)
     deviations = deviations_of(vehicle.noise, context.period, context.horizon_steps)
     for k, step in enumerate(places.steps):
-        mean = state.x + state.speed * (k + 1) * context.period + unit * step.point
+        farther = vehicle.drift[k][0] if vehicle.drift else 0.0
+        mean = state.x + state.speed * (k + 1) * context.period + unit * step.point + farther
         yield mean, float(deviations[k]), step.place_probability / step.place_probability.sum()
 
 

@@ -117,6 +117,10 @@ def mean_path(problem, vehicle, modes):
     path = [(vehicle["x_m"], vehicle["speed_mps"])]
     for mode in modes:
         path.append(prediction.vehicle_motion(problem["planner"], *path[-1], mode))
+    # What is added to every sequence (46); nobody drives backwards.
+    for k, step in enumerate(vehicle.get("drift", ()), start=1):
+        x, speed = path[k]
+        path[k] = x + step["x_m"], max(0.0, speed + step["speed_mps"])
     return path
 
 

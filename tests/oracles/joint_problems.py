@@ -97,6 +97,13 @@ def _doubt(rng, problem):
         if problems._chance(rng, 0.3):
             tables = [_lateral_table(rng) for _ in range(int(rng.integers(1, problem["planner"]["horizon_steps"] + 1)))]
             vehicle["lateral_probs_later"] = tables[:19]
+        planner = problem["planner"]
+        moving = vehicle["speed_mps"] >= planner["horizon_steps"] * planner["accel_mps2"] * planner["period_s"]
+        if moving and problems._chance(rng, 0.4):
+            vehicle["drift"] = [
+                {"x_m": round(problems._uniform(rng, -6.0, 6.0), 2), "speed_mps": problems._uniform(rng, -2.0, 2.0)}
+                for _ in range(planner["horizon_steps"])
+            ]
         if problems._chance(rng, 0.3):
             fast, slow = (problems._pick(rng, [0.0, 0.002, 0.01, 0.05]) for _ in range(2))
             vehicle["longitudinal_probs"] = {"accelerate": fast, "cruise": 1.0 - fast - slow, "decelerate": slow}

@@ -11,7 +11,7 @@ from sumo_hmdp.decision.planner import HmdpPlanner, UnknownVehicleError
 from sumo_hmdp.decision.predictors import Belief, Forecast, PredictorContext, build_predictor, predictor_kinds
 from sumo_hmdp.decision.problem import PlannerSettings, RiskAllocation
 from sumo_hmdp.decision.problem_file import parse_problem, problem_document
-from sumo_hmdp.decision.rollout import FADE_TIME, ROLLOUT_STEP, rollout_levels
+from sumo_hmdp.decision.rollout import FADE_TIME, ROLLOUT_STEP, rollout
 from sumo_hmdp.domain.maneuver import Mode
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, VehicleState
@@ -71,8 +71,8 @@ def test_the_first_step_is_the_incentive_of_now():
     others = (*COMING_UP, vehicle("right", 170.0, 3, 20.0))
     lanes = [other.lane for other in others]
     now = incentive_levels(ROAD, others, lanes, EGO, 4.8)
-    seeing = rollout_levels(ROAD, others, lanes, EGO, (0.8, 6), LaneFollowing())
-    blind = rollout_levels(ROAD, others, lanes, None, (0.8, 6), LaneFollowing())
+    seeing = rollout(ROAD, others, lanes, EGO, (0.8, 6), LaneFollowing()).levels
+    blind = rollout(ROAD, others, lanes, None, (0.8, 6), LaneFollowing()).levels
     assert np.array_equal(np.maximum(seeing, blind)[0], now)
 
 
@@ -84,7 +84,7 @@ def scalar_rollout(x, speed, leader_x, leader_speed, accel, steps):
 
     def behind(v, desired, gap, lead, time_gap):
         wanted = 2.0 + max(0.0, v * time_gap + v * (v - lead) / (2 * math.sqrt(1.4 * 2.0)))
-        return free(v, desired) - 1.4 * (wanted / gap) ** 2
+        return max(free(v, desired) - 1.4 * (wanted / gap) ** 2, -9.0)  # SUMO brakes no harder
 
     surplus, found = None, []
     for step in range(steps):
@@ -105,9 +105,13 @@ def test_the_rollout_asks_the_scenes_that_a_scalar_loop_leads_to(accel):
     for gap in np.linspace(40.0, 160.0, 13):
         car = vehicle("car", 100.0, 2, 33.0, accel[0])
         truck = replace(vehicle("truck", 100.0 + gap + 12.0, 2, 20.0, accel[1]), length=12.0)
-        levels = rollout_levels(ROAD, (car, truck), [2, 2], None, (0.8, 6), LaneFollowing())
-        states = scalar_rollout(car.x, car.speed, truck.x, truck.speed, accel, 10)[1::2]
-        for k, (x, speed, truck_x, truck_speed) in enumerate(states, start=1):
+        levels, farther, faster = rollout(ROAD, (car, truck), [2, 2], None, (0.8, 6), LaneFollowing())
+        states = scalar_rollout(car.x, car.speed, truck.x, truck.speed, accel, 12)[1::2]
+        assert [s[0] - car.x - car.speed * 0.8 * k for k, s in enumerate(states, start=1)] == pytest.approx(
+            farther[:, 0]
+        )
+        assert [s[3] - truck.speed for s in states] == pytest.approx(faster[:, 1])
+        for k, (x, speed, truck_x, truck_speed) in enumerate(states[:-1], start=1):
             moved = (replace(car, x=x, speed=speed), replace(truck, x=truck_x, speed=truck_speed))
             far = replace(EGO, x=-1e5)
             assert np.array_equal(levels[k], incentive_levels(ROAD, moved, [2, 2], far, 0.0)), (gap, k)
