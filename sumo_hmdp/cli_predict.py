@@ -8,7 +8,7 @@ import typer
 
 from sumo_hmdp.cli_common import STUDIES, JsonOption, plain, print_json, progress_bar, show_table
 
-DEFAULT = ("fixed", "belief", "idm_rollout", "constant_velocity")
+DEFAULT = ("fixed", "belief", "idm_rollout", "fading_acceleration", "constant_velocity")
 
 
 def add_commands(app: typer.Typer) -> None:

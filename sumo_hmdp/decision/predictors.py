@@ -5,13 +5,14 @@ memory goes in and comes out, and what it answers is part of the decision proble
 replayed from its file.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from sumo_hmdp.decision.lane_change_belief import LaneChangeRates, lane_change_policies
-from sumo_hmdp.decision.rollout import rollout_policies
+from sumo_hmdp.decision.rollout import FADE_TIME, rollout_policies
 from sumo_hmdp.domain.maneuver import ManeuverState, Mode
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import InputError, Problem
@@ -142,6 +143,35 @@ def _rollout_policies(scene: Scene, read: Reading, belief: Belief, context: Pred
     )
 
 
+def fading_drift(accel: float, speed: float, period: float, steps: int) -> Drift:
+    """Return how an acceleration that fades as a exp(-t / tau) moves a vehicle after each step (eq. 46).
+
+        dv = a tau (1 - exp(-t / tau)),   dx = a tau (t - tau (1 - exp(-t / tau)))
+
+    Nobody drives backwards: of harder braking, what ends in rest at the end of the horizon is taken.
+
+    Args:
+        accel: measured, a [m/s2].
+        speed: [m/s].
+        period: of a step [s].
+        steps: H.
+    """
+    tau = FADE_TIME
+    accel = max(accel, -speed / (tau * (1.0 - math.exp(-steps * period / tau))))
+    times = [period * (k + 1) for k in range(steps)]
+    gone = [1.0 - math.exp(-t / tau) for t in times]
+    return tuple((accel * tau * (t - tau * g), accel * tau * g) for t, g in zip(times, gone, strict=True))
+
+
+def _fading_policies(scene: Scene, read: Reading, belief: Belief, context: PredictorContext) -> Said:
+    """Return the policies along the rollout, with the measured acceleration as the motion."""
+    states = {other.id: other for other in scene.others}
+    return {
+        name: (policy, fading_drift(states[name].accel, states[name].speed, context.period, context.horizon_steps))
+        for name, (policy, _) in _rollout_policies(scene, read, belief, context).items()
+    }
+
+
 @dataclass(frozen=True)
 class BeliefPredictor:
     """Described vehicles as the scenario says; all others with the maneuver read from their motion.
@@ -268,6 +298,11 @@ BUILT_IN = (
         "idm_rollout",
         "motion by an IDM rollout of all vehicles, lane changes by the MOBIL incentive at each step of it",
         lambda context: BeliefPredictor(_with_rates(context), "idm_rollout", _rollout_policies),
+    ),
+    PredictorKind(
+        "fading_acceleration",
+        "motion by the measured acceleration, which fades; lane changes as under idm_rollout",
+        lambda context: BeliefPredictor(_with_rates(context), "fading_acceleration", _fading_policies),
     ),
 )
 

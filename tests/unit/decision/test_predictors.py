@@ -117,6 +117,20 @@ def test_the_rollout_asks_the_scenes_that_a_scalar_loop_leads_to(accel):
             assert np.array_equal(levels[k], incentive_levels(ROAD, moved, [2, 2], far, 0.0)), (gap, k)
 
 
+@pytest.mark.parametrize("accel", [0.7, -1.5, -9.0])
+def test_a_fading_acceleration_is_that_of_a_fine_integration(accel):
+    told = forecast("fading_acceleration", scene(vehicle("v", 20.0, 2, 12.0, accel=accel)))["v"]
+    assert told.state.mode is Mode.CRUISE
+    dt, x, v, used = 1e-4, 0.0, 0.0, max(accel, -12.0 / (3.0 * (1.0 - math.exp(-1.6))))
+    for step in range(48_000):
+        a = used * math.exp(-(step + 0.5) * dt / 3.0)
+        x, v = x + v * dt + a * dt**2 / 2, v + a * dt
+        if (step + 1) % 8_000 == 0:
+            assert told.drift[(step + 1) // 8_000 - 1] == pytest.approx((x, v), abs=1e-3)
+    # Who may come to rest within the horizon stops by its modes.
+    assert forecast("fading_acceleration", scene(vehicle("v", 20.0, 2, 9.0, accel=accel)))["v"].drift == ()
+
+
 def test_nobody_else_changes_under_constant_velocity():
     told = forecast("constant_velocity", scene(vehicle("v", 20.0, 2, 20.0, accel=-3.0)))["v"]
     assert told.state.mode is Mode.CRUISE
