@@ -36,8 +36,9 @@ Maneuver = tuple[Lateral, Mode]
 
 _MODES = np.array([-1, 0, 1])
 
-# The largest table that the search may make [bytes]; it holds a few of that size at a time.
-TABLE_LIMIT = 2 * 2**30
+# The largest table that the search may make [bytes]; it holds a few of that size at a time, and a process must do with
+# 500 MB in all, of which the libraries take about 150.
+TABLE_LIMIT = 64 * 2**20
 # About how many numbers a sequence of modes takes by itself.
 SEQUENCE_NUMBERS = 16
 
@@ -204,7 +205,7 @@ def _require_searchable(problem: DecisionProblem, steps: tuple[Openings, ...]) -
         largest = max(largest, 8 * sequences * max(openings.moves.size, SEQUENCE_NUMBERS))
     if largest > TABLE_LIMIT:
         raise SearchTooLargeError(
-            f"the search must make no table above {TABLE_LIMIT / 2**30:g} GiB, got {largest / 2**30:.1f} GiB "
+            f"the search must make no table above {TABLE_LIMIT / 2**20:g} MiB, got {largest / 2**20:.0f} MiB "
             f"(horizon_steps {problem.settings.horizon_steps}). Shorten the horizon or decide with the milp solver."
         )
 

@@ -30,7 +30,8 @@ WORDS = (
 # Numbers without a dimension: lanes are counted from the left, a half-width is in its metric's unit, the rest are
 # probabilities, costs and seeds.
 DIMENSIONLESS = {
-    "accelerate", "branches", "confidence", "count", "cruise", "decelerate", "exponent", "first", "forbidden_lanes",
+    "accelerate", "branches", "confidence", "count", "cruise", "decelerate", "ending", "ending_lanes", "exponent",
+    "first", "forbidden_lanes",
     "contact_risk", "goal_lane", "half_width", "risk_least", "risk_taken", "undecided", "unsafe", "unwanted", "wanted",
     "intended_lane", "keep", "lane", "lanes", "left", "objective", "politeness", "probability", "right",
     "schema_version", "seed", "seeds", "seeds_max", "seeds_min", "step",

@@ -55,7 +55,7 @@ def spread(steps):
 
 # At 0.2 three steps share the risk: one step alone on its bound would hardly tell doubled noise from what was allowed.
 @pytest.mark.parametrize(
-    ("noise_scale", "runs", "verdicts"), [(1.0, 60, {"consistent", "conservative"}), (2.0, 150, {"violated"})]
+    ("noise_scale", "runs", "verdicts"), [(1.0, 40, {"consistent", "conservative"}), (2.0, 150, {"violated"})]
 )
 def test_plans_exactly_on_their_bound_tell_doubled_noise_at_the_largest_epsilon(noise_scale, runs, verdicts):
     cov = spread(3)

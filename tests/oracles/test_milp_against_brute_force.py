@@ -1,4 +1,7 @@
-"""The decision, MILP and all, against an enumeration written independently from the rules."""
+"""The decision, MILP and all, against an enumeration written independently from the rules.
+
+The full comparison, 10,000 problems, is analysis/02_solvers_agree.py.
+"""
 
 import json
 from pathlib import Path
@@ -45,7 +48,7 @@ def test_there_are_ten_worked_examples():
     assert len(FIXTURES) == 10
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(3))
 def test_random_problems(brute_force, problems, seed):
     rng = np.random.default_rng([2026, seed])
     statuses = {"optimal": 0, "relaxed": 0, "fallback": 0}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-CHUNKS = 8
+CHUNKS = 3
 TIES = sorted((Path(__file__).parent.parent / "fixtures" / "ties").glob("*.json"))
 NEAR_WHOLE = sorted((Path(__file__).parent.parent / "fixtures" / "near_whole").glob("*.json"))
 
@@ -40,7 +40,7 @@ def test_search_against_the_oracle(brute_force, general_problems, agreement, chu
     assert min(seen[status] for status in ("optimal", "relaxed", "fallback", "error")) >= 4
 
 
-@pytest.mark.parametrize(("horizon", "count"), [(2, 200), (3, 100), (4, 20), (5, 12), (6, 12)])
+@pytest.mark.parametrize(("horizon", "count"), [(2, 80), (3, 50), (4, 16), (5, 10), (6, 12)])
 def test_both_solvers_against_the_oracle(brute_force, general_problems, agreement, horizon, count):
     seen = compare(brute_force, general_problems, agreement, 2000, count, ["milp", "search"], horizon=horizon)
     assert seen["optimal"] >= 5
