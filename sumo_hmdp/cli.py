@@ -215,6 +215,8 @@ def summary_table(record: "RunRecord") -> "Table":
     """Return what a reader wants to know of a run first."""
     from rich.table import Table
 
+    from sumo_hmdp.domain.plan import PLANNED_STATUSES
+
     table = Table(title=f"{record.run_id}: {record.status}", show_header=False, box=None, padding=(0, 0, 0, 2))
     if record.reason:
         table.add_row("why", record.reason)
@@ -230,9 +232,7 @@ def summary_table(record: "RunRecord") -> "Table":
             shown += f" (published {published[key]:.{digits}f}, {value - published[key]:+.{digits}f} {unit})"
         table.add_row(label, shown)
     shares = ", ".join(
-        f"{name} {100 * share:.1f} %"
-        for name in ("optimal", "relaxed", "fallback")
-        if (share := record.row[f"{name}_share"]) is not None
+        f"{name} {100 * share:.1f} %" for name in PLANNED_STATUSES if (share := record.row[f"{name}_share"]) is not None
     )
     table.add_row("statuses", shares or ("rule" if record.row["decision_count"] else "none"))
     for name, told in (("risk of plans", risk_text(record)), ("not covered", uncovered_text_of(record))):

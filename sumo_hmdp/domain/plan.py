@@ -26,6 +26,20 @@ class Status(StrEnum):
     FALLBACK = "fallback"
     RULE = "rule"
 
+    @property
+    def keeps_distances(self) -> bool:
+        """Whether its plans claim to keep every distance."""
+        return self in {Status.OPTIMAL, Status.INCUMBENT}
+
+    @property
+    def departs(self) -> bool:
+        """Whether it is worth a mark: the decision is planned, but not the best plan that keeps every distance."""
+        return self in {Status.INCUMBENT, Status.RELAXED, Status.FALLBACK}
+
+
+# Statuses of planners that plan: their shares add up to 1.
+PLANNED_STATUSES = tuple(status for status in Status if status is not Status.RULE)
+
 
 @dataclass(frozen=True)
 class PlanStep:

@@ -5,16 +5,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.metrics.registry import Better, Metric, RunData
 
 NAN = float("nan")
 
 
-def status_share(status: str) -> Callable[[RunData], float]:
+def status_share(status: Status) -> Callable[[RunData], float]:
     """Return a function that computes the share of a status; a rule's decisions are neither optimal nor a departure."""
 
     def share(run: RunData) -> float:
-        planned = int((run.decisions["status"] != "rule").sum())
+        planned = int((run.decisions["status"] != Status.RULE).sum())
         return int((run.decisions["status"] == status).sum()) / planned if planned else NAN
 
     return share
@@ -51,6 +52,17 @@ _DISAGREEMENTS = "vehicles with which the bodies or SUMO's own list have a conta
 _TIMED = "a decision's time is known"
 _PLANNED = "a decision is not a rule's"
 
+_SHARES = {
+    Status.OPTIMAL: (
+        "share of optimal decisions", "share of decisions with the best plan that keeps every distance",
+    ),
+    Status.INCUMBENT: (
+        "share of incumbents", "share of decisions that the deadline ended with the best plan known by then",
+    ),
+    Status.RELAXED: ("share of relaxed decisions", "share of decisions with a plan of least violation"),
+    Status.FALLBACK: ("share of fallbacks", "share of decisions to brake in the lane"),
+}  # fmt: skip
+
 DECISIONS = (
     _metric(
         "lane_change_count", "lane changes", "", Better.NEITHER, "decisions to change the lane, aborts included",
@@ -64,17 +76,12 @@ DECISIONS = (
         "decision_count", "decisions", "", Better.NEITHER, "decisions of the run", "always",
         lambda run: float(len(run.decisions)),
     ),
-    _metric(
-        "optimal_share", "share of optimal decisions", "1", Better.HIGHER,
-        "share of decisions with the best plan that keeps every distance", _PLANNED, status_share("optimal"),
-    ),
-    _metric(
-        "relaxed_share", "share of relaxed decisions", "1", Better.LOWER,
-        "share of decisions with a plan of least violation", _PLANNED, status_share("relaxed"),
-    ),
-    _metric(
-        "fallback_share", "share of fallbacks", "1", Better.LOWER, "share of decisions to brake in the lane", _PLANNED,
-        status_share("fallback"),
+    *(
+        _metric(
+            f"{status}_share", label, "1", Better.HIGHER if status is Status.OPTIMAL else Better.LOWER, definition,
+            _PLANNED, status_share(status),
+        )
+        for status, (label, definition) in _SHARES.items()
     ),
     _metric(
         "violation_max_m", "largest violation planned", "m", Better.LOWER,

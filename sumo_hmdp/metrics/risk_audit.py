@@ -31,6 +31,7 @@ import numpy as np
 import pandas as pd
 
 from sumo_hmdp.domain.distance import SafeDistance
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError, Problem
@@ -38,7 +39,7 @@ from sumo_hmdp.metrics.planned_distances import AuditSettings, Claim, audit_run,
 from sumo_hmdp.metrics.proportion import ProportionInterval, clopper_pearson, clustered_proportion
 
 # These plans keep every distance; the others say themselves that they do not.
-KEEPING = ("optimal", "incumbent")
+KEEPING = tuple(status for status in Status if status.keeps_distances)
 
 
 class Verdict(StrEnum):

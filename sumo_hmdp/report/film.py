@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.domain.scene import EGO_ID
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.metrics.trace import BoolArray, FloatArray, Motion, Trace, trace_of
@@ -161,7 +162,7 @@ def _lane_changes(records: tuple[Mapping[str, Any], ...]) -> Iterator[tuple[floa
 def _statuses(records: tuple[Mapping[str, Any], ...]) -> Iterator[tuple[float, str]]:
     before = ""
     for one in records:
-        if one["status"] != before and one["status"] in {"relaxed", "fallback"}:
+        if one["status"] != before and Status(one["status"]).departs:
             yield one["time_s"], one["status"]
         before = one["status"]
 

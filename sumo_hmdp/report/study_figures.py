@@ -10,16 +10,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.risk_audit import Verdict
 from sumo_hmdp.report.case_road import GREY
 from sumo_hmdp.report.lane_panel import COLORS
 from sumo_hmdp.report.study_canvas import INK, LINE, PAPER, StudyFigure, cells, look, panels
 from sumo_hmdp.report.study_table import each, listed, number, printed
-from sumo_hmdp.report.study_tables import DISTRIBUTED, STATUSES
+from sumo_hmdp.report.study_tables import DISTRIBUTED
 from sumo_hmdp.report.study_verdict import BETTER, COMPARED, WORSE, Finding, higher_is_better, wording
 
 SHOWN = (BETTER, WORSE)
+# The colour and the hatch of the bar of each status.
+STATUS_LOOKS = {
+    Status.OPTIMAL: (COLORS[2], ""),
+    Status.INCUMBENT: (COLORS[5], ".."),
+    Status.RELAXED: (COLORS[4], "//"),
+    Status.FALLBACK: (COLORS[1], "xx"),
+    Status.RULE: (LINE, "\\\\"),
+}
 
 
 @dataclass(frozen=True)
@@ -277,12 +286,10 @@ def decision_figure(frame: pd.DataFrame) -> StudyFigure:
 
 
 def _stack(axes: Axes, frame: pd.DataFrame) -> None:
-    looks = zip(
-        STATUSES, (COLORS[2], COLORS[5], COLORS[4], COLORS[1], LINE), ("", "..", "//", "xx", "\\\\"), strict=True
-    )
     total = frame["decision_count"].to_numpy(dtype=np.float64)
     left = np.zeros(len(frame))
-    for status, color, hatch in looks:
+    for status in Status:
+        color, hatch = STATUS_LOOKS[status]
         share = 100 * np.divide(frame[f"{status}_count"], total, out=np.zeros(len(frame)), where=total > 0)
         if share.any():
             bars = axes.barh(range(len(frame)), share, 0.56, left, label=status, facecolor=color, edgecolor=INK)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.report.frames import FloatArray, numbers
 from sumo_hmdp.report.statistics import describe, rate_table, summary_table
@@ -138,9 +139,6 @@ def distribution_table(frame: pd.DataFrame) -> StudyTable:
     return StudyTable("distributions", "Distributions of the main metrics", frame, headings, tuple(rows), note)
 
 
-STATUSES = ("optimal", "incumbent", "relaxed", "fallback", "rule")
-
-
 def decision_frame(data: StudyData) -> pd.DataFrame:
     """Return times and statuses of all decisions of each cell, one row a cell."""
     records = []
@@ -158,7 +156,7 @@ def decision_frame(data: StudyData) -> pd.DataFrame:
                 "period_ms": period,
                 **dict(zip(("solve_time_median_ms", "solve_time_p99_ms", "solve_time_max_ms"), known, strict=True)),
                 "deadline_miss_count": int((times > period).sum()),
-                **{f"{status}_count": int(counts.get(status, 0)) for status in STATUSES},
+                **{f"{status}_count": int(counts.get(status, 0)) for status in Status},
             }
         )
     return pd.DataFrame(records)
@@ -174,12 +172,13 @@ def decision_table(frame: pd.DataFrame) -> StudyTable:
                 for name in ("decision_count", "period_ms", "solve_time_median_ms", "solve_time_p99_ms")
             ),
             *(number(row[name]) for name in ("solve_time_max_ms", "deadline_miss_count")),
-            *(number(row[f"{status}_count"]) for status in STATUSES),
+            *(number(row[f"{status}_count"]) for status in Status),
         )
         for row in frame.to_dict("records")
     ]
     headings = (
-        "cell", "decisions", "period [ms]", "median [ms]", "99 % [ms]", "worst [ms]", "later than the period", *STATUSES
+        "cell", "decisions", "period [ms]", "median [ms]", "99 % [ms]", "worst [ms]", "later than the period",
+        *Status,
     )  # fmt: skip
     note = "Times are of the machine that ran the study, with all its other work: predict, carve and solve."
     return StudyTable("decisions", "Times and statuses of all decisions", frame, headings, tuple(rows), note)

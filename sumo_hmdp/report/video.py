@@ -7,19 +7,30 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from sumo_hmdp.report.case_road import BLUE, GREEN, GREY, ORANGE, PURPLE, ROAD_COLOR, VERMILLION
+from sumo_hmdp.domain.plan import Status
+from sumo_hmdp.report.case_road import BLUE, GREEN, GREY, ORANGE, PURPLE, ROAD_COLOR, SKY, VERMILLION
 from sumo_hmdp.report.film import Film, Instant
 from sumo_hmdp.report.video_file import write_frames
 from sumo_hmdp.report.video_road import INK, SMOOTH, Layout, Point, View, font
 
 MUTED, PAPER, LINE = "#59636e", "#ffffff", "#d8dce0"
-STATUS_COLORS = {"optimal": GREEN, "relaxed": ORANGE, "fallback": VERMILLION}
-MARK_COLORS = STATUS_COLORS | {"left": BLUE, "right": BLUE, "near_miss": PURPLE, "contact": INK}
+STATUS_COLORS = {
+    Status.OPTIMAL: GREEN, Status.INCUMBENT: SKY, Status.RELAXED: ORANGE, Status.FALLBACK: VERMILLION,
+    Status.RULE: GREY,
+}  # fmt: skip
+MARK_COLORS = {str(status): color for status, color in STATUS_COLORS.items()} | {
+    "left": BLUE,
+    "right": BLUE,
+    "near_miss": PURPLE,
+    "contact": INK,
+}
 MARK_NAMES = {
-    "left": "to the left", "right": "to the right", "relaxed": "relaxed", "fallback": "fallback",
+    "left": "to the left", "right": "to the right", **{str(status): str(status) for status in Status if status.departs},
     "near_miss": "near miss", "contact": "contact",
 }  # fmt: skip
-MARK_SIGNS = {"left": "▲", "right": "▼", "relaxed": "◆", "fallback": "■", "near_miss": "○", "contact": "×"}  # noqa: RUF001
+MARK_SIGNS = {
+    "left": "▲", "right": "▼", "incumbent": "◇", "relaxed": "◆", "fallback": "■", "near_miss": "○", "contact": "×",  # noqa: RUF001
+}  # fmt: skip
 KEY = "blue line: plan    purple: predicted branches, 2σ    red: forbidden at the next step"  # noqa: RUF001
 # The ego is at this share of the road that is seen.
 EGO_AT = 0.36
@@ -112,7 +123,7 @@ class Studio:
         one = now.decision
         radius = 5 * self.layout.unit
         y = top + line + self.layout.text / 2
-        pen.ellipse([left, y - radius, left + 2 * radius, y + radius], STATUS_COLORS.get(one["status"], GREY))
+        pen.ellipse([left, y - radius, left + 2 * radius, y + radius], STATUS_COLORS[Status(one["status"])])
         lateral = {"left": "change left", "right": "change right"}.get(one["lateral"], "keep the lane")
         told = f"{one['status']}: {lateral}, {one['mode']}" + (f" ({one['reason']})" if one["reason"] else "")
         pen.text((left + 3 * radius, top + line), self._fitted(told), INK, font(self.layout.text))

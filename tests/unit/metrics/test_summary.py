@@ -5,6 +5,7 @@ import math
 import pandas as pd
 import pytest
 
+from sumo_hmdp.domain.plan import PLANNED_STATUSES
 from sumo_hmdp.metrics.catalogue import METRICS
 from sumo_hmdp.metrics.summary import run_metrics
 
@@ -38,7 +39,7 @@ def test_a_run_by_hand():
     )
     decisions = decisions_of(
         (0.0, "optimal", "keep", 0.0, 10.0),
-        (0.6, "optimal", "left", 0.0, 30.0),
+        (0.6, "incumbent", "left", 0.0, 30.0),
         (1.2, "relaxed", "right", 2.5, 20.0),
         (1.8, "fallback", "keep", None, 1.0),
     )
@@ -49,7 +50,7 @@ def test_a_run_by_hand():
     assert row["gap_min_m"] == 10.0
     assert row["ttc_min_s"] == pytest.approx(37 / 7)
     assert (row["lane_change_count"], row["lane_change_first_s"]) == (2, 0.6)
-    assert (row["optimal_share"], row["relaxed_share"], row["fallback_share"]) == (0.5, 0.25, 0.25)
+    assert [row[f"{status}_share"] for status in PLANNED_STATUSES] == [0.25] * 4
     assert row["violation_max_m"] == 2.5
     assert (row["solve_time_median_ms"], row["solve_time_max_ms"]) == (15.0, 30.0)
     assert row["decision_count"] == 4
@@ -101,5 +102,5 @@ def test_a_rule_is_neither_optimal_nor_a_departure_from_it():
         steps_of((0.0, "ego", 1.0, 0.0, 5.0)),
         decisions_of((0.0, "rule", "left", None, 1.0), (0.6, "rule", "keep", None, 1.0)),
     )
-    assert (row["optimal_share"], row["relaxed_share"], row["fallback_share"]) == (None, None, None)
+    assert [row[f"{status}_share"] for status in PLANNED_STATUSES] == [None] * 4
     assert (row["decision_count"], row["lane_change_count"]) == (2, 1)

@@ -7,10 +7,12 @@ import pandas as pd
 import pytest
 from PIL import Image, ImageSequence
 
+from sumo_hmdp.domain.plan import Status
 from sumo_hmdp.errors import InputError
 from sumo_hmdp.report import video_file
 from sumo_hmdp.report.film import HOLD, film_of
-from sumo_hmdp.report.video import EGO_AT, Studio, ticks, write_film
+from sumo_hmdp.report.study_figures import STATUS_LOOKS
+from sumo_hmdp.report.video import EGO_AT, MARK_COLORS, MARK_NAMES, MARK_SIGNS, STATUS_COLORS, Studio, ticks, write_film
 from sumo_hmdp.report.video_file import film_format
 from sumo_hmdp.report.video_road import Layout
 
@@ -159,3 +161,12 @@ def test_a_run_without_instants_cannot_be_filmed(tmp_path, decisions):
 )
 def test_ticks_are_round_numbers(low, high, most, expected):
     assert ticks(low, high, most) == pytest.approx(expected)
+
+
+def test_every_status_has_its_looks():
+    """A status that is new must get a colour, a bar and, where it departs from the best plan, a mark."""
+    assert set(STATUS_COLORS) == set(STATUS_LOOKS) == set(Status)
+    departures = {str(status) for status in Status if status.departs}
+    assert departures == {"incumbent", "relaxed", "fallback"}
+    assert departures <= set(MARK_NAMES) == set(MARK_SIGNS)
+    assert set(MARK_NAMES) <= set(MARK_COLORS)
