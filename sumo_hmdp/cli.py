@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
-from sumo_hmdp import cli_check, cli_compare, cli_decide, cli_planner, cli_replay, cli_report, cli_study, cli_watch
+from sumo_hmdp import (
+    cli_check,
+    cli_compare,
+    cli_decide,
+    cli_planner,
+    cli_predict,
+    cli_replay,
+    cli_report,
+    cli_study,
+    cli_watch,
+)
 from sumo_hmdp.cli_common import (
     BAD_INPUT,
     FAILED,
@@ -262,5 +272,15 @@ def uncovered_text_of(record: "RunRecord") -> str:
     return uncovered_of_run(record.manifest, record.decisions["pruned_prob"])
 
 
-for commands in (cli_watch, cli_replay, cli_study, cli_report, cli_compare, cli_check, cli_decide, cli_planner):
+for commands in (
+    cli_watch,
+    cli_replay,
+    cli_study,
+    cli_report,
+    cli_compare,
+    cli_predict,
+    cli_check,
+    cli_decide,
+    cli_planner,
+):
     commands.add_commands(app)

@@ -20,7 +20,7 @@ from scipy.special import ndtr
 
 from sumo_hmdp.decision.distance import clearance_to
 from sumo_hmdp.decision.problem import DISTANCE_TOLERANCE, DecisionProblem
-from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle
+from sumo_hmdp.prediction.branches import IntArray, PredictedVehicle, drifts_of
 from sumo_hmdp.prediction.dynamics import FloatArray, Noise, position_variances
 from sumo_hmdp.prediction.places import Places, places_of
 
@@ -78,6 +78,7 @@ class _Group:
     speed: FloatArray
     length: FloatArray
     std: FloatArray
+    drift: FloatArray
 
 
 def encounters(
@@ -140,10 +141,11 @@ def in_reach(
     x, speed, length = np.array([(v.state.x, v.state.speed, v.state.length) for v in vehicles]).T
     low, high = np.array([place.x.min() for place in ego]), np.array([place.x.max() for place in ego])
     fastest = max(float(place.speed.max()) for place in ego)
-    drift, way = x[:, None] + speed[:, None] * step * T, accel * (step * T) ** 2 / 2
+    drifts = drifts_of(vehicles, H)
+    drift, way = x[:, None] + speed[:, None] * step * T + drifts[:, :, 0], accel * (step * T) ** 2 / 2
     slack = FAR * np.array([deviations_of(vehicle.noise, T, H) for vehicle in vehicles])
     # Distances grow with the speed of the vehicle behind, and fall with that of the one ahead.
-    others = np.stack([speed + H * accel * T, np.zeros(V)])
+    others = np.stack([speed + H * accel * T + drifts[:, :, 1].max(axis=1), np.zeros(V)])
     most = clearance_to(problem, length, others, np.zeros(1), fastest)
     least = clearance_to(problem, length, others, np.zeros(1), 0.0)
     to_follow, to_lead = (
@@ -172,6 +174,7 @@ def _groups(problem: DecisionProblem, vehicles: Sequence[PredictedVehicle]) -> l
             np.array([vehicles[row].state.speed for row in members]),
             np.array([vehicles[row].state.length for row in members]),
             np.array([deviations_of(vehicles[row].noise, T, H) for row in members]),
+            drifts_of([vehicles[row] for row in members], H),
         )
         for key, members in rows.items()
     ]
@@ -223,8 +226,10 @@ def _fill(
     """Work one step out for one group and write it into its rows; return the sides for the step that follows."""
     settings, places = problem.settings, group.places.steps[k]
     unit, T = settings.accel * settings.period**2 / 2, settings.period
-    mean = (group.x + group.speed * (k + 1) * T)[:, None] + unit * places.point
-    other_speed = group.speed[:, None] + settings.accel * T * places.speed
+    mean = (group.x + group.speed * (k + 1) * T + group.drift[:, k, 0])[:, None] + unit * places.point
+    other_speed = (group.speed + group.drift[:, k, 1])[:, None] + settings.accel * T * places.speed
+    if group.drift.any():
+        other_speed = np.maximum(other_speed, 0.0)
     apart = ego.x[:, None] - mean[:, None, :]
     ahead, behind = _distances(problem, group, ego, other_speed, distance)
     std = group.std[:, k, None, None]

@@ -101,9 +101,14 @@ def lane_change_policies(
 @lru_cache(maxsize=1024)
 def _policy(lane_count: int, lane: int, left: float, right: float, floor: float, longitudinal: Probabilities) -> Policy:
     """Return a policy: the rates of now in the present lane, the floor in every other."""
+    return Policy(lane_rows(lane_count, lane, left, right, floor), longitudinal)
+
+
+def lane_rows(lane_count: int, lane: int, left: float, right: float, floor: float) -> tuple[Probabilities, ...]:
+    """Return lateral probabilities of each lane: rates to the left and right in one lane, the floor in every other."""
     other = (floor, 1.0 - 2 * floor, floor)
     here = (left, 1.0 - left - right, right)
-    return Policy(tuple(here if row == lane else other for row in range(1, lane_count + 1)), longitudinal)
+    return tuple(here if row == lane else other for row in range(1, lane_count + 1))
 
 
 def incentive_levels(
@@ -121,9 +126,23 @@ def incentive_levels(
         ego: the ego.
         horizon: of the prediction [s].
     """
-    seeing = _levels(road, others, lanes, ego)
+    return larger_if_clear(_levels(road, others, lanes, ego), _levels(road, others, lanes, None), others, ego, horizon)
+
+
+def larger_if_clear(
+    seeing: IntArray, blind: IntArray, others: Sequence[VehicleState], ego: VehicleState, horizon: float
+) -> IntArray:
+    """Return the larger level of those with and without the ego, except for vehicles that stay level with it.
+
+    Args:
+        seeing: levels with the ego in the scene, (..., n, 2).
+        blind: levels without it, likewise.
+        others: the vehicles, n of them.
+        ego: the ego.
+        horizon: of the prediction [s].
+    """
     clear = np.array([not _stays_level(other, ego, horizon) for other in others], dtype=bool)
-    return np.where(clear[:, None], np.maximum(_levels(road, others, lanes, None), seeing), seeing)
+    return np.where(clear[:, None], np.maximum(blind, seeing), seeing)
 
 
 def _stays_level(other: VehicleState, ego: VehicleState, horizon: float) -> bool:
@@ -133,12 +152,18 @@ def _stays_level(other: VehicleState, ego: VehicleState, horizon: float) -> bool
 
 
 def _levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState | None) -> IntArray:
-    """Return how much each vehicle wants to change to the left and to the right, 0 (unsafe) to 3 (wanted), (n, 2)."""
+    return change_levels(seen_vehicles(road, others, lanes, ego), len(others), road.lane_count)
+
+
+def seen_vehicles(
+    road: Road, others: Sequence[VehicleState], lanes: Sequence[int], ego: VehicleState | None
+) -> Vehicles:
+    """Return vehicles with the drivers that they are taken to have, the ego last; None leaves it out."""
     states = [*others, *([] if ego is None else [ego])]
     intended = np.array([*lanes, *([] if ego is None else [ego.lane])], dtype=np.intp)
     x, y, speed, length = np.array([(s.x, s.y, s.speed, s.length) for s in states]).T
     here = np.array([road.lane_at(value) for value in y.tolist()], dtype=np.intp)
-    vehicles = Vehicles(
+    return Vehicles(
         x,
         speed,
         intended,
@@ -147,13 +172,23 @@ def _levels(road: Road, others: Sequence[VehicleState], lanes: Sequence[int], eg
         np.full(len(x), POLITENESS),
         _drivers(speed, length),
     )
-    rule, level = LaneChangeRule(), np.zeros((len(others), 2), dtype=np.intp)
-    near = find_neighbours(x, vehicles.lane, vehicles.second_lane, road.lane_count, length)
-    lane_scene = LaneScene.of(vehicles, near, road.lane_count, None, rule.idm)
+
+
+def change_levels(vehicles: Vehicles, count: int, lane_count: int) -> IntArray:
+    """Return how much vehicles want to change left and right, 0 (unsafe) to 3 (wanted), (count, 2).
+
+    Args:
+        vehicles: all that are in the scene.
+        count: how many of them, the first ones, are asked about.
+        lane_count: of the road.
+    """
+    rule, level = LaneChangeRule(), np.zeros((count, 2), dtype=np.intp)
+    near = find_neighbours(vehicles.x, vehicles.lane, vehicles.second_lane, lane_count, vehicles.length)
+    lane_scene = LaneScene.of(vehicles, near, lane_count, None, rule.idm)
     for side in (0, 1):
-        there = intended[: len(others)] + 2 * side - 1
+        there = vehicles.lane[:count] + 2 * side - 1
         # Who is changing lanes finishes that first.
-        free = (there >= 1) & (there <= road.lane_count) & (vehicles.second_lane[: len(others)] == 0)
+        free = (there >= 1) & (there <= lane_count) & (vehicles.second_lane[:count] == 0)
         changer = np.flatnonzero(free)
         if not len(changer):
             continue

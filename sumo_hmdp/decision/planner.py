@@ -4,7 +4,9 @@ import json
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +15,12 @@ from sumo_hmdp.decision.corridors import forbidden_intervals
 from sumo_hmdp.decision.decide import Answer, answer
 from sumo_hmdp.decision.explain_risk import risk_shares, risky_intervals
 from sumo_hmdp.decision.first_actions import first_actions
-from sumo_hmdp.decision.lane_change_belief import LaneChangeRates, lane_change_policies
 from sumo_hmdp.decision.plan_bounds import plan_bounds
+from sumo_hmdp.decision.predictors import Belief, Forecast, Predictor, PredictorContext, stated
 from sumo_hmdp.decision.problem import DecisionProblem, PlannerSettings
 from sumo_hmdp.decision.problem_file import problem_document
 from sumo_hmdp.decision.road_rules import rules_ahead
 from sumo_hmdp.decision.search import SearchTooLargeError
-from sumo_hmdp.domain.maneuver import ManeuverState
 from sumo_hmdp.domain.occupancy import body_lanes
 from sumo_hmdp.domain.plan import (
     Command,
@@ -33,19 +34,13 @@ from sumo_hmdp.domain.plan import (
 )
 from sumo_hmdp.domain.scene import Scene, VehicleState
 from sumo_hmdp.errors import SumoHmdpError
-from sumo_hmdp.prediction.branches import Branches, PredictedVehicle, covariances, lateral_means
+from sumo_hmdp.prediction.branches import Branches, covariances, lateral_means
 from sumo_hmdp.prediction.distribution import distributions
-from sumo_hmdp.prediction.dynamics import Noise
-from sumo_hmdp.prediction.lateral import LaneFollowing
-from sumo_hmdp.prediction.policy import Policy, ScheduledPolicy
-from sumo_hmdp.prediction.reading import read_maneuver
+
+__all__ = ["Belief", "HmdpPlanner"]
 
 # Branches are shown down to this many a vehicle; decisions use all of them.
 SHOWN_BRANCHES = 12
-# A vehicle in traffic that is slower than this stands or is about to start [m/s]. Starting is a branch of its own; the
-# noise of one that moves would have it roll backwards by a metre or two within the horizon, and whoever has stopped
-# behind it be too near for as long as both stand.
-STANDSTILL = 0.5
 
 
 class UnknownVehicleError(SumoHmdpError):
@@ -53,35 +48,18 @@ class UnknownVehicleError(SumoHmdpError):
 
 
 @dataclass(frozen=True)
-class Belief:
-    """What is believed of one surrounding vehicle.
+class PlannerMemory:
+    """What the planner remembers.
 
     Attributes:
-        policy: how it chooses its actions, by time.
-        noise: how uncertain its motion is.
-        following: how it moves across the road.
-        rates: of lane changes by the incentive for them, in place of the policy's; None takes the policy's.
-    """
-
-    policy: ScheduledPolicy
-    noise: Noise
-    following: LaneFollowing = field(default_factory=LaneFollowing)
-    rates: LaneChangeRates | None = None
-
-
-@dataclass(frozen=True)
-class LastDecision:
-    """What the planner remembers: the decision before, for the audit and as a start for the MILP.
-
-    Attributes:
-        problem: the problem of one period ago.
+        predictor: memory of the predictor.
+        problem: the problem of one period ago, for the audit and as a start for the MILP; None before the first.
         answer: its answer.
-        read: what was read of the maneuvers of vehicles without a belief of their own, by id.
     """
 
-    problem: DecisionProblem
-    answer: Answer
-    read: Mapping[str, ManeuverState] = field(default_factory=dict)
+    predictor: Any
+    problem: DecisionProblem | None = None
+    answer: Answer | None = None
 
 
 @dataclass(frozen=True)
@@ -90,13 +68,14 @@ class HmdpPlanner:
 
     Attributes:
         settings: horizon, distances, risk, cost.
-        beliefs: by vehicle id.
+        beliefs: what the scenario says of vehicles, by id.
         default_belief: of a vehicle that is not listed, whose maneuver is read from its motion; None makes such a
             vehicle an error.
         sensing_range: vehicles farther along the road than this are not seen [m].
         solver: a name of `decision.decide.SOLVERS`.
         yields_to_followers: whether vehicles behind that are in, or intend, a lane that the ego's body is over are kept
             at a distance by the ego; otherwise that is theirs to do.
+        predictor: what says how the others go on; None takes the beliefs as they are.
         name: as in the registry.
     """
 
@@ -106,6 +85,7 @@ class HmdpPlanner:
     sensing_range: float = 200.0
     solver: str = "milp"
     yields_to_followers: bool = True
+    predictor: Predictor | None = None
     name: str = "hmdp_mpc"
 
     @property
@@ -113,59 +93,81 @@ class HmdpPlanner:
         """Time between two decisions [s]."""
         return self.settings.period
 
-    def initial_memory(self) -> LastDecision | None:
-        """Return None: nothing was decided before."""
-        return None
+    @cached_property
+    def forecaster(self) -> Predictor:
+        """The predictor in use."""
+        return self.predictor or stated(predictor_context(self.settings, self.beliefs, self.default_belief))
 
-    def decide(self, scene: Scene, memory: LastDecision | None) -> tuple[Decision, LastDecision]:
-        """Answer one scene; the ego's lane and mode in it are those it intends.
+    def initial_memory(self) -> PlannerMemory:
+        """Return the memory before the first scene: nothing was decided."""
+        return PlannerMemory(self.forecaster.initial_memory())
+
+    def observe(self, scene: Scene, memory: PlannerMemory) -> PlannerMemory:
+        """Take in the scene of a simulation step, as measured."""
+        return replace(memory, predictor=self.forecaster.observe(self._in_range(scene), memory.predictor))
+
+    def decide(self, scene: Scene, memory: PlannerMemory | None) -> tuple[Decision, PlannerMemory]:
+        """Answer one scene, which has been observed; the ego's lane and mode in it are those it intends.
+
+        Args:
+            scene: as measured.
+            memory: None stands for `initial_memory`.
 
         Raises:
-            UnknownVehicleError: for a vehicle in range without a belief.
+            UnknownVehicleError: for a vehicle in range of which the predictor says nothing.
             decision.optimiser.SolverError: if the solver proves nothing.
         """
         started = time.perf_counter()
-        read = self.read(scene, memory)
-        problem = self.problem(scene, memory, read)
+        memory = memory or self.initial_memory()
+        forecast = self.forecast(scene, memory)
+        problem = self.problem(scene, memory, forecast)
         result = answer(problem, self.solver)
         solve_time = time.perf_counter() - started
-        checked = audit(problem, result, None if memory is None else (memory.problem, memory.answer))
-        return to_decision(problem, result, checked, scene.time, solve_time), LastDecision(problem, result, read)
+        checked = audit(problem, result, _decided(memory))
+        return to_decision(problem, result, checked, scene.time, solve_time), PlannerMemory(
+            forecast.memory, problem, result
+        )
 
-    def read(self, scene: Scene, memory: LastDecision | None = None) -> dict[str, ManeuverState]:
-        """Return the lane intent and mode of every vehicle in range of which the scenario says nothing."""
-        last = {} if memory is None else memory.read
-        return {
-            other.id: read_maneuver(other, scene.road, self.settings.accel, last.get(other.id))
-            for other in self._seen(scene)
-            if other.id not in self.beliefs
-        }
+    def forecast(self, scene: Scene, memory: PlannerMemory | None = None) -> Forecast:
+        """Return what the predictor says of the vehicles in range."""
+        memory = memory or self.initial_memory()
+        return self.forecaster.predict(self._in_range(scene), memory.predictor)
 
     def problem(
-        self, scene: Scene, memory: LastDecision | None = None, read: Mapping[str, ManeuverState] | None = None
+        self, scene: Scene, memory: PlannerMemory | None = None, forecast: Forecast | None = None
     ) -> DecisionProblem:
         """Return the decision problem of a scene; the MILP starts from what is left of the plan before.
 
         Args:
             scene: the scene.
             memory: of the decision before.
-            read: as `read` returns it; None reads it here.
+            forecast: of the predictor; None asks it here.
+
+        Raises:
+            UnknownVehicleError: for a vehicle in range of which the predictor says nothing.
         """
-        maneuvers = self.read(scene, memory) if read is None else read
-        policies = self._policies(scene, maneuvers)
-        vehicles = tuple(
-            self._predicted(other, maneuvers.get(other.id), policies.get(other.id), scene.time)
-            for other in self._minded(scene, maneuvers)
-        )
-        start = None if memory is None or memory.answer.sequence is None else shifted(memory.problem, memory.answer)
+        predicted = (forecast or self.forecast(scene, memory)).vehicles
+        minded = self._minded(scene, {name: vehicle.state.lane for name, vehicle in predicted.items()})
+        for state in minded:
+            if state.id not in predicted:
+                raise UnknownVehicleError(
+                    f"every vehicle in range must have a policy, got none for {state.id!r} (at {scene.time:g} s). "
+                    "Give it one in the scenario, in `vehicles` or for all in `traffic.belief`."
+                )
+        vehicles = tuple(predicted[state.id] for state in minded)
+        last = None if memory is None else _decided(memory)
+        start = None if last is None or last[1].sequence is None else shifted(*last)
         rules = rules_ahead(scene.rules, scene.ego, self.settings)
         return DecisionProblem(scene.road, self.settings, scene.ego, vehicles, start, scene.stop_lines, rules)
 
     def _seen(self, scene: Scene) -> list[VehicleState]:
         return [other for other in scene.others if abs(other.x - scene.ego.x) <= self.sensing_range]
 
-    def _minded(self, scene: Scene, maneuvers: Mapping[str, ManeuverState]) -> list[VehicleState]:
-        """Return whom the ego keeps a distance to: perhaps not those who come from behind to where it already is."""
+    def _in_range(self, scene: Scene) -> Scene:
+        return replace(scene, others=tuple(self._seen(scene)))
+
+    def _minded(self, scene: Scene, lanes: Mapping[str, int]) -> list[VehicleState]:
+        """Return the vehicles that the plan must keep clear of, optionally without followers in the ego's own lanes."""
         if self.yields_to_followers:
             return self._seen(scene)
         road = scene.road
@@ -173,33 +175,20 @@ class HmdpPlanner:
         return [
             v
             for v in self._seen(scene)
-            if v.x > scene.ego.x or own.isdisjoint({maneuvers.get(v.id, v).lane, *body_lanes(road, v.y, v.width)})
+            if v.x > scene.ego.x or own.isdisjoint({lanes.get(v.id, v.lane), *body_lanes(road, v.y, v.width)})
         ]
 
-    def _policies(self, scene: Scene, read: Mapping[str, ManeuverState]) -> dict[str, Policy]:
-        """Return the policies of vehicles whose lane changes are believed by their incentive, by id."""
-        belief = self.default_belief
-        if belief is None or belief.rates is None:
-            return {}
-        horizon = self.settings.period * self.settings.horizon_steps
-        return lane_change_policies(scene, read, belief.rates, belief.policy.at(scene.time).longitudinal, horizon)
 
-    def _predicted(
-        self, state: VehicleState, maneuver: ManeuverState | None, policy: Policy | None, now: float
-    ) -> PredictedVehicle:
-        belief = self.beliefs.get(state.id, self.default_belief)
-        if belief is None:
-            raise UnknownVehicleError(
-                f"every vehicle in range must have a policy, got none for {state.id!r} (at {now:g} s). "
-                "Give it one in the scenario, in `vehicles` or for all in `traffic.belief`."
-            )
-        noise = belief.noise
-        if maneuver is not None:
-            if (state.lane, state.mode) != (maneuver.lane, maneuver.mode):
-                state = replace(state, lane=maneuver.lane, mode=maneuver.mode)
-            if state.speed < STANDSTILL:
-                noise = Noise(position_var=noise.position_var, lateral_var=noise.lateral_var)
-        return PredictedVehicle(state, policy or belief.policy.at(now), noise, belief.following)
+def _decided(memory: PlannerMemory) -> tuple[DecisionProblem, Answer] | None:
+    """Return the decision before, None where there is none."""
+    return None if memory.problem is None or memory.answer is None else (memory.problem, memory.answer)
+
+
+def predictor_context(
+    settings: PlannerSettings, beliefs: Mapping[str, Belief], default_belief: Belief | None
+) -> PredictorContext:
+    """Return what the planner offers to its predictor."""
+    return PredictorContext(beliefs, default_belief, settings.accel, settings.period, settings.horizon_steps)
 
 
 def to_decision(problem: DecisionProblem, result: Answer, checked: Audit, now: float, solve_time: float) -> Decision:

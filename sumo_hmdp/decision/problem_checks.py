@@ -77,6 +77,20 @@ def cross_checks(raw: RawDocument) -> Iterator[Problem]:
                 yield Problem(f"{path}.id", f"must be unique and not `{EGO_ID}`, got {shown(vehicle_id)}")
             ids.add(vehicle_id)
         yield from table_checks(raw.get("vehicles", index), path, raw.lane_count())
+        yield from _drift_checks(raw, index, horizon)
+
+
+def _drift_checks(raw: RawDocument, index: int, horizon: int | None) -> Iterator[Problem]:
+    drift, path = raw.get("vehicles", index, "drift"), f"vehicles[{index}].drift"
+    if not isinstance(drift, list) or not drift or horizon is None:
+        return
+    if len(drift) != horizon:
+        yield Problem(path, f"must have horizon_steps ({horizon}) steps, got {len(drift)}; leave it out for none")
+    speed, accel = raw.number("vehicles", index, "speed_mps"), raw.number("planner", "accel_mps2")
+    period = raw.number("planner", "period_s")
+    if speed is not None and accel is not None and period is not None and speed < horizon * accel * period:
+        message = "must go with a vehicle that cannot come to rest within the horizon (speed_mps of at least "
+        yield Problem(path, f"{message}{horizon * accel * period:g} m/s), got {speed:g} m/s; leave it out")
 
 
 def _lane_checks(raw: RawDocument) -> Iterator[Problem]:
@@ -183,24 +197,28 @@ def planner_checks(planner: Any, path: str, *, y_counts: bool = True) -> Iterato
 def table_checks(vehicle: Any, path: str, lane_count: int | None) -> Iterator[Problem]:  # noqa: ANN401
     """Check that the probability tables of a vehicle are distributions and cover every lane."""
     raw = RawDocument(vehicle)
-    lateral = raw.get("lateral_probs")
-    if isinstance(lateral, Mapping):
-        if lateral_form(lateral) == "one":
-            yield from _sum_check(lateral, f"{path}.lateral_probs", LATERAL_KEYS)
-        else:
-            for lane, row in lateral.items():
-                if lane_count is not None and lane not in {str(n) for n in range(1, lane_count + 1)}:
-                    yield Problem(
-                        f"{path}.lateral_probs.{lane}",
-                        f"must be keyed by a lane 1..{lane_count}, got {shown(lane)}",
-                    )
-                yield from _sum_check(row, f"{path}.lateral_probs.{lane}", LATERAL_KEYS)
-            missing = [str(n) for n in range(1, (lane_count or 0) + 1) if str(n) not in lateral]
-            if missing:
-                yield Problem(f"{path}.lateral_probs", f"must have a table for every lane; add {', '.join(missing)}")
+    yield from _lateral_table_checks(raw.get("lateral_probs"), f"{path}.lateral_probs", lane_count)
+    later = raw.get("lateral_probs_later")
+    for index in range(_length(later)):
+        yield from _lateral_table_checks(later[index], f"{path}.lateral_probs_later[{index}]", lane_count)
     yield from _sum_check(
         raw.get("longitudinal_probs"), f"{path}.longitudinal_probs", ("accelerate", "cruise", "decelerate")
     )
+
+
+def _lateral_table_checks(lateral: Any, path: str, lane_count: int | None) -> Iterator[Problem]:  # noqa: ANN401
+    if not isinstance(lateral, Mapping):
+        return
+    if lateral_form(lateral) == "one":
+        yield from _sum_check(lateral, path, LATERAL_KEYS)
+        return
+    for lane, row in lateral.items():
+        if lane_count is not None and lane not in {str(n) for n in range(1, lane_count + 1)}:
+            yield Problem(f"{path}.{lane}", f"must be keyed by a lane 1..{lane_count}, got {shown(lane)}")
+        yield from _sum_check(row, f"{path}.{lane}", LATERAL_KEYS)
+    missing = [str(n) for n in range(1, (lane_count or 0) + 1) if str(n) not in lateral]
+    if missing:
+        yield Problem(path, f"must have a table for every lane; add {', '.join(missing)}")
 
 
 def _sum_check(table: Any, path: str, keys: tuple[str, ...]) -> Iterator[Problem]:  # noqa: ANN401

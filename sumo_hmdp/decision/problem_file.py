@@ -157,10 +157,14 @@ def _vehicle_document(vehicle: PredictedVehicle) -> dict[str, Any]:
     def row(probabilities: Probabilities) -> dict[str, float]:
         return {lateral.label: probabilities[lateral + 1] for lateral in Lateral}
 
+    def tables(rows: Iterable[Probabilities]) -> dict[str, dict[str, float]]:
+        return {str(lane): row(p) for lane, p in enumerate(rows, start=1)}
+
     return {
         "id": vehicle.state.id,
         **_state_document(vehicle.state),
-        "lateral_probs": {str(lane): row(p) for lane, p in enumerate(vehicle.policy.lateral, start=1)},
+        "lateral_probs": tables(vehicle.policy.lateral),
+        **({} if not vehicle.policy.later else {"lateral_probs_later": [tables(t) for t in vehicle.policy.later]}),
         "longitudinal_probs": {mode.label: vehicle.policy.longitudinal[mode + 1] for mode in Mode},
         "position_var_m2": vehicle.noise.position_var,
         "speed_var_m2ps2": vehicle.noise.speed_var,
@@ -170,6 +174,7 @@ def _vehicle_document(vehicle: PredictedVehicle) -> dict[str, Any]:
         "process_lateral_var_m2": vehicle.noise.process_lateral_var,
         "lane_change_time_s": vehicle.following.change_time,
         "lane_keeping_time_s": vehicle.following.keeping_time,
+        **({} if not vehicle.drift else {"drift": [{"x_m": x, "speed_mps": v} for x, v in vehicle.drift]}),
     }
 
 

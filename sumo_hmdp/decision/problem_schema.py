@@ -1,6 +1,7 @@
 """The file form of a decision problem: its keys, their types and their ranges."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
@@ -26,7 +27,7 @@ from sumo_hmdp.prediction.policy import Policy, Probabilities
 from sumo_hmdp.validation import FileModel
 
 # Of a road, and of the lists in a file; far beyond any use, so that a file cannot cost more than it is worth.
-LANES_MAX, VEHICLES_MAX, ENTRIES_MAX, NAME_MAX = 12, 500, 1000, 100
+LANES_MAX, VEHICLES_MAX, ENTRIES_MAX, NAME_MAX, HORIZON_MAX = 12, 500, 1000, 100, 20
 
 
 def _not_tiny(value: float) -> float:
@@ -64,7 +65,7 @@ class PlannerFile(FileModel):
     """
 
     period_s: Step
-    horizon_steps: Annotated[int, Field(ge=1, le=20)]
+    horizon_steps: Annotated[int, Field(ge=1, le=HORIZON_MAX)]
     accel_mps2: Step
     speed_min_mps: Speed
     speed_max_mps: Annotated[float, Field(gt=0, le=1e3)]
@@ -193,11 +194,14 @@ class PolicyFile(FileModel):
 
     def policy(self, lane_count: int) -> Policy:
         """Return the policy with one lateral row a lane."""
-        if isinstance(self.lateral_probs, LateralFile):
-            rows = (self.lateral_probs.probabilities(),) * lane_count
-        else:
-            rows = tuple(self.lateral_probs[str(lane)].probabilities() for lane in range(1, lane_count + 1))
-        return Policy(rows, self.longitudinal_probs.probabilities())
+        return Policy(lateral_rows(self.lateral_probs, lane_count), self.longitudinal_probs.probabilities())
+
+
+def lateral_rows(tables: LateralFile | Mapping[str, LateralFile], lane_count: int) -> tuple[Probabilities, ...]:
+    """Return the lateral probabilities of each lane 1..n."""
+    if isinstance(tables, LateralFile):
+        return (tables.probabilities(),) * lane_count
+    return tuple(tables[str(lane)].probabilities() for lane in range(1, lane_count + 1))
 
 
 class NoiseFile(FileModel):
@@ -264,10 +268,30 @@ class StateFile(FileModel):
         )
 
 
+class DriftFile(FileModel):
+    """How much farther and faster a vehicle is after a step than its modes alone lead to."""
+
+    x_m: Number
+    speed_mps: Number
+
+
 class VehicleFile(StateFile, PolicyFile, NoiseFile, LaneFollowingFile):
-    """One surrounding vehicle."""
+    """One surrounding vehicle.
+
+    `lateral_probs_later` holds the lateral tables of the second step of the horizon and those after it, where they
+    differ from step to step; the last one holds for all steps that remain. `drift` is how much farther and faster it is
+    after each step than its modes alone lead to.
+    """
 
     id: Annotated[str, Field(min_length=1, max_length=NAME_MAX)]
+    lateral_probs_later: Annotated[list[LateralTables], Field(max_length=HORIZON_MAX - 1)] = Field(default_factory=list)
+
+    drift: Annotated[list[DriftFile], Field(max_length=HORIZON_MAX)] = Field(default_factory=list)
+
+    def policy(self, lane_count: int) -> Policy:
+        """Return the policy with one lateral row a lane and step."""
+        later = tuple(lateral_rows(tables, lane_count) for tables in self.lateral_probs_later)
+        return replace(super().policy(lane_count), later=later)
 
 
 class ManeuverFile(FileModel):
@@ -336,6 +360,7 @@ class ProblemFile(FileModel):
                     vehicle.policy(self.lanes.count),
                     vehicle.noise(),
                     vehicle.following(),
+                    tuple((step.x_m, step.speed_mps) for step in vehicle.drift),
                 )
                 for vehicle in self.vehicles
             ),

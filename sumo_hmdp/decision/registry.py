@@ -10,8 +10,9 @@ from typing import Any, Literal
 from sumo_hmdp.decision.baselines import ConstantFile, ConstantPlanner, IdmMobilFile, IdmMobilPlanner
 from sumo_hmdp.decision.file_planner import FilePlannerFile, build_from_file
 from sumo_hmdp.decision.names import offered
-from sumo_hmdp.decision.planner import Belief, HmdpPlanner
+from sumo_hmdp.decision.planner import HmdpPlanner, predictor_context
 from sumo_hmdp.decision.plugin_source import PlannerPackage, package_of
+from sumo_hmdp.decision.predictors import Belief, build_predictor
 from sumo_hmdp.decision.problem_schema import NonNegative, PlannerFile
 from sumo_hmdp.decision.published_rules import PublishedFile, PublishedPlanner
 from sumo_hmdp.decision.sumo_driver import SumoDriver, SumoFile, SumoPlanner
@@ -27,11 +28,13 @@ class HmdpParameters(PlannerFile):
     the instant the intent changes; and `lane_change_time_s` is the ego's. `followers: all`, the paper's rule, keeps the
     distance to whoever is behind as well. `other_lanes` leaves that to those behind who are in, or intend, a lane
     that the ego's body is over: a prediction that does not react would have them drive into an ego that stops.
+    `predictor` names what says how the others go on (docs/predictors.md); left out, it is what the scenario states.
     """
 
     sensing_range_m: NonNegative = 200.0
     followers: Literal["all", "other_lanes"] = "all"
     occupancy: Literal["target", "swept"] = "swept"
+    predictor: str | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,9 @@ def _build_hmdp(parameters: HmdpParameters, context: PlannerContext) -> HmdpPlan
         sensing_range=parameters.sensing_range_m,
         yields_to_followers=parameters.followers == "all",
         solver=context.solver,
+        predictor=build_predictor(
+            parameters.predictor, predictor_context(settings, context.beliefs, context.default_belief)
+        ),
     )
 
 

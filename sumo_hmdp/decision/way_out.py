@@ -48,6 +48,9 @@ def _without_way_out(problem: DecisionProblem, vehicle: PredictedVehicle, last: 
     places = vehicle_places(problem, vehicle, by_speed=True).steps[-1]
     mean = state.x + state.speed * H * T + accel * T**2 / 2 * places.point
     speed = state.speed + accel * T * places.speed
+    if vehicle.drift:
+        farther, more_speed = vehicle.drift[-1]
+        mean, speed = mean + farther, np.maximum(speed + more_speed, 0.0)
     faster = np.maximum(last.speed[:, None] - speed, 0.0)
     accelerates = (last.motions.mode > 0)[:, None]
     extra = faster**2 / (2 * accel) + T * faster * accelerates

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from sumo_hmdp.domain.maneuver import Lateral, Mode
 from sumo_hmdp.domain.scene import Scene
@@ -352,6 +352,15 @@ class SharesRisk(Protocol):
 
 
 Memory = TypeVar("Memory")
+
+
+@runtime_checkable
+class Observer(Protocol):
+    """A planner that sees the scene between its decisions as well."""
+
+    def observe(self, scene: Scene, memory: Any) -> Any:  # noqa: ANN401 - each planner's own
+        """Take in the scene of a simulation step, as measured, and return the new memory."""
+        ...
 
 
 class Planner(Protocol[Memory]):

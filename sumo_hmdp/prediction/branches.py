@@ -36,6 +36,7 @@ from sumo_hmdp.prediction.lateral import (
 from sumo_hmdp.prediction.policy import Policy, action_probabilities
 
 IntArray = NDArray[np.int64]
+Drift = tuple[tuple[float, float], ...]
 
 # A product that equals the threshold on paper may miss it by rounding; it is kept.
 THRESHOLD_SLACK = 1e-12
@@ -64,12 +65,16 @@ class PredictedVehicle:
         policy: how it chooses its actions.
         noise: how uncertain its motion is.
         following: how it moves across the road.
+        drift: for each step 1..H how much farther [m] and faster [m/s] it is than its modes alone lead to, whatever
+            they are: a fading acceleration, say (docs/formulation.md, eq. 46). Empty for none. Only for vehicles that
+            cannot come to rest within the horizon.
     """
 
     state: VehicleState
     policy: Policy
     noise: Noise
     following: LaneFollowing = field(default_factory=LaneFollowing)
+    drift: Drift = ()
 
 
 @dataclass(frozen=True)
@@ -164,6 +169,10 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
             x_now, speed_now, settings.accel * mode.astype(np.float64), settings.period
         )
         x[:, k], speed[:, k], mode = x_now, speed_now, modes[:, k]
+    if any(v.drift for v in vehicles):
+        drifts = drifts_of(vehicles, H)
+        x += drifts[vehicle, :, 0]
+        speed[:] = np.maximum(speed + drifts[vehicle, :, 1], 0.0)
     deviations = np.array([_position_deviations(v.noise, settings.period, H) for v in vehicles]).reshape(V, H)
     kept = np.bincount(vehicle, weights=probability, minlength=V) if V else np.zeros(0)
     return Branches(
@@ -178,6 +187,15 @@ def predict(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) 
         x_std=deviations,
         pruned=np.minimum(np.maximum(1.0 - kept, 0.0), 1.0),
     )
+
+
+def drifts_of(vehicles: Sequence[PredictedVehicle], steps: int) -> FloatArray:
+    """Return the drifts of vehicles after each step 1..H in metres and m/s, (V, H, 2) (docs/formulation.md, eq. 46)."""
+    found = np.zeros((len(vehicles), steps, 2))
+    for row, vehicle in enumerate(vehicles):
+        if vehicle.drift:
+            found[row] = vehicle.drift
+    return found
 
 
 def require_few_sequences(policy: Policy, settings: PredictionSettings) -> None:
@@ -230,10 +248,11 @@ def _trees(vehicles: Sequence[PredictedVehicle], settings: PredictionSettings) -
 def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSettings) -> _Tree:
     """Expand and prune the sequences from one maneuver."""
     H = settings.horizon_steps
-    table = action_probabilities(policy)
-    likeliest = _completions(table, H)
+    # (H, lanes, 3, 9): a policy may differ from step to step.
+    table = np.stack([action_probabilities(policy.at_step(k)) for k in range(H)])
+    likeliest = _completions(table)
     usable = np.where(table >= max(settings.action_threshold * (1 - THRESHOLD_SLACK), np.nextafter(0, 1)), table, 0.0)
-    reachable = _completions(usable, H) if settings.action_threshold > 0 else likeliest
+    reachable = _completions(usable) if settings.action_threshold > 0 else likeliest
     lanes, modes, probability = np.array([lane - 1]), np.array([mode + 1]), np.ones(1)
     threshold = settings.sequence_threshold * (1 - THRESHOLD_SLACK)
     # A vehicle none of whose sequences reaches the threshold keeps its likeliest one: the first of those that are as
@@ -244,9 +263,9 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
         threshold = likeliest[H][lane - 1, mode + 1] * (1 - THRESHOLD_SLACK)
     history = np.zeros((1, 0), dtype=np.int64)
     for k in range(H):
-        next_lane = np.clip(lanes[:, None] + _LATERAL_OF_ACTION, 0, table.shape[0] - 1)
+        next_lane = np.clip(lanes[:, None] + _LATERAL_OF_ACTION, 0, table.shape[1] - 1)
         next_mode = np.clip(modes[:, None] + _MODE_CHANGE_OF_ACTION, 0, 2)
-        child = probability[:, None] * allowed[lanes, modes]
+        child = probability[:, None] * allowed[k, lanes, modes]
         onward = best[H - 1 - k][next_lane, next_mode]
         row, action = np.nonzero((child > 0) & (child * onward >= threshold))
         if lonely:
@@ -261,16 +280,20 @@ def _likely_from(policy: Policy, lane: int, mode: int, settings: PredictionSetti
     return _Tree(probability, laterals, lane + np.cumsum(laterals, axis=0), mode + np.cumsum(changes, axis=0))
 
 
-def _completions(table: FloatArray, steps: int) -> list[FloatArray]:
-    """Return for 0..steps remaining steps the probability of the likeliest way on, each of shape (lanes, 3)."""
-    lanes = table.shape[0]
+def _completions(table: FloatArray) -> list[FloatArray]:
+    """Return for 0..H remaining steps the probability of the likeliest way on, each of shape (lanes, 3).
+
+    Args:
+        table: probabilities of the actions at each step, (H, lanes, 3, 9).
+    """
+    lanes = table.shape[1]
     lane, mode = np.arange(lanes)[:, None, None], np.arange(3)[None, :, None]
     # Inadmissible actions have probability 0, so where their clipped successor points does not matter.
     next_lane = np.clip(lane + _LATERAL_OF_ACTION, 0, lanes - 1)
     next_mode = np.clip(mode + _MODE_CHANGE_OF_ACTION, 0, 2)
     best = [np.ones((lanes, 3))]
-    for _ in range(steps):
-        best.append((table * best[-1][next_lane, next_mode]).max(axis=2))
+    for step in table[::-1]:
+        best.append((step * best[-1][next_lane, next_mode]).max(axis=2))
     return best
 
 

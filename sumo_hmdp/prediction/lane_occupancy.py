@@ -109,7 +109,7 @@ def lanes_taken(
     states = drivers.start()
     taken = _taken(states, drivers, 0, footprints[0])
     for k, footprint in enumerate(footprints[1:], start=1):
-        moved, before = _expand(states, drivers)
+        moved, before = _expand(states, drivers, k - 1)
         first, merged = _merged(moved, rules)
         states = moved.at(first)._replace(probability=summed(merged, moved.probability, len(first)))
         after = _taken(states, drivers, k, footprint)
@@ -148,7 +148,7 @@ def _pairs(footprints: Sequence[BoolArray]) -> list[tuple[BoolArray, BoolArray]]
 
 @lru_cache(maxsize=4096)
 def lateral_transitions(policy: Policy) -> FloatArray:
-    """Return the probabilities of left, keep and right in each lane, (lanes, 3), masked and renormalised (eq. 3)."""
+    """Return the probabilities of left, keep and right at the first step, (lanes, 3), masked, renormalised (eq. 3)."""
     table = np.array(policy.lateral, dtype=np.float64)
     table[0, 0] = table[-1, 2] = 0.0
     total = table.sum(axis=1, keepdims=True)
@@ -159,7 +159,7 @@ def lateral_transitions(policy: Policy) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class _Drivers:
-    """What does not change within the horizon, one row a vehicle."""
+    """What does not change within the horizon, one row a vehicle; `table` has one table a step where policies do."""
 
     rules: LaneRules
     table: FloatArray
@@ -177,6 +177,7 @@ class _Drivers:
         y, speed, width = np.array([(v.state.y, v.state.lateral_speed, v.state.width) for v in vehicles]).T
         change_speed = np.array([v.following.change_speed(road) for v in vehicles])
         decay = np.array([v.following.decay(rules.period) for v in vehicles])
+        tables = steps if any(v.policy.later for v in vehicles) else 1
         place, variance, zero = y, np.array([v.noise.initial_lateral_var for v in vehicles]), np.zeros(V)
         std = np.zeros((V, steps + 1))
         if not rules.swept:
@@ -189,7 +190,7 @@ class _Drivers:
             speed, variance = zero, zero
         return _Drivers(
             rules=rules,
-            table=np.stack([lateral_transitions(v.policy) for v in vehicles]),
+            table=np.stack([[lateral_transitions(v.policy.at_step(k)) for k in range(tables)] for v in vehicles]),
             states=_States(np.arange(V), lane, place, speed, variance, np.ones(V)),
             width=width,
             reach=change_speed * rules.period,
@@ -202,10 +203,10 @@ class _Drivers:
         return self.states
 
 
-def _expand(states: _States, drivers: _Drivers) -> tuple[_States, IntArray]:
-    """Return every state one step on, and the state that each comes from."""
+def _expand(states: _States, drivers: _Drivers, k: int) -> tuple[_States, IntArray]:
+    """Return every state one step on, by the action of step k = 0..H-1, and the state that each comes from."""
     rules = drivers.rules
-    chance = drivers.table[states.vehicle, states.lane - 1]
+    chance = drivers.table[states.vehicle, min(k, drivers.table.shape[1] - 1), states.lane - 1]
     row, action = np.nonzero(chance)
     vehicle, lane = states.vehicle[row], states.lane[row] + action - 1
     y, speed, variance = states.y[row], states.speed[row], states.variance[row]

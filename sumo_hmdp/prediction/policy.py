@@ -1,7 +1,7 @@
 """Policies of surrounding vehicles: a distribution over admissible actions in every maneuver state."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,15 +19,31 @@ SUM_TOLERANCE = 1e-9
 class Policy:
     """A policy pi(a | s) as one distribution over the lateral action times one over the NEXT mode.
 
-    The product is masked by admissibility and renormalised (docs/formulation.md, eq. 3).
+    The product is masked by admissibility and renormalised (docs/formulation.md, eq. 3). The distribution over the
+    lateral action may differ from one step of the horizon to the next
+    (docs/formulation.md, eq. 45).
 
     Attributes:
-        lateral: for each lane 1..n the probabilities of left, keep, right; each row sums to 1.
+        lateral: for each lane 1..n the probabilities of left, keep, right at the first step; each row sums to 1.
         longitudinal: probabilities that the next mode is decelerate, cruise, accelerate; sums to 1.
+        later: tables like `lateral` of the steps after the first; the last one holds for all steps that remain. Empty
+            where `lateral` holds over the whole horizon.
     """
 
     lateral: tuple[Probabilities, ...]
     longitudinal: Probabilities
+    later: tuple[tuple[Probabilities, ...], ...] = ()
+
+    def at_step(self, step: int) -> "Policy":
+        """Return the policy of one step of the horizon, the same at every step.
+
+        Args:
+            step: 0 is the first.
+        """
+        if not self.later:
+            return self
+        tables = (self.lateral, *self.later)
+        return replace(self, lateral=tables[min(step, len(self.later))], later=())
 
 
 @dataclass(frozen=True)
@@ -52,7 +68,7 @@ class ScheduledPolicy:
 
 @lru_cache(maxsize=4096)
 def action_probabilities(policy: Policy) -> NDArray[np.float64]:
-    """Tabulate pi(a | s) (docs/formulation.md, eq. 3).
+    """Tabulate pi(a | s) of the first step (docs/formulation.md, eq. 3).
 
     Args:
         policy: with one lateral row per lane.
@@ -88,10 +104,10 @@ def dead_end(policy: Policy, start: ManeuverState, steps: int) -> ManeuverState 
     Returns:
         The first such state, or None where the policy always has something to do.
     """
-    table = action_probabilities(policy)
     lane_count = len(policy.lateral)
     frontier = {start}
-    for _ in range(steps):
+    for step in range(steps):
+        table = action_probabilities(policy.at_step(step))
         following = set()
         for state in sorted(frontier, key=lambda s: (s.lane, s.mode)):
             row = table[state.lane - 1, state.mode + 1]

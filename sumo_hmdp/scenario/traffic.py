@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sumo_hmdp.decision.lane_change_belief import LaneChangeRates
-from sumo_hmdp.decision.planner import Belief
+from sumo_hmdp.decision.predictors import Belief
 from sumo_hmdp.decision.problem_schema import (
     ENTRIES_MAX,
     NAME_MAX,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sumo_hmdp.decision.planner import Belief
+from sumo_hmdp.decision.predictors import Belief
 from sumo_hmdp.domain.maneuver import MODE_BY_LABEL
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import VehicleState

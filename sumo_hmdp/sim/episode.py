@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from sumo_hmdp.decision.contract import require_decision, steps_per_decision
 from sumo_hmdp.domain.maneuver import Lateral, Mode
-from sumo_hmdp.domain.plan import Command, Decision, Planner, Status
+from sumo_hmdp.domain.plan import Command, Decision, Observer, Planner, Status
 from sumo_hmdp.domain.road import Road
 from sumo_hmdp.domain.scene import Scene, StopLine, VehicleState
 from sumo_hmdp.errors import SimulationError
@@ -196,13 +196,17 @@ class Loop:
                 f"the run must go on to be stepped, got its end at {self.now.scene.time:g} s; reset it"
             )
         settings, motion, scene, step = self._settings, self._motion, self.now.scene, self.now.step
-        carry, decision = self._carry, None
+        carry, decision, planner = self._carry, None, self._planner
+        observer, due = planner if isinstance(planner, Observer) else None, order is None and step % self._every == 0
+        measured = self.perceived() if due or observer else scene
+        if observer:
+            carry = replace(carry, planner_memory=observer.observe(measured, carry.planner_memory))
         if order is not None:
             decision = order if isinstance(order, Decision) else commanded(order, scene)
             require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, carry.planner_memory, scene)
-        elif step % self._every == 0:
-            decision, memory = self._planner.decide(self.perceived(), carry.planner_memory)
+        elif due:
+            decision, memory = planner.decide(measured, carry.planner_memory)
             require_decision(decision, settings.road)
             carry = take_command(motion, carry, decision, memory, scene)
         carry, speeds, tracking = drive(settings, motion, carry, scene)

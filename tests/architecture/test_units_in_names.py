@@ -43,6 +43,8 @@ DIMENSIONLESS = {
     "density_vpkm_per_lane", "flow_vph_per_lane", "ramp_flow_vph", "side_flow_vph",
 }  # fmt: skip
 OPTIONS = {
+    "every",
+    "predictor",
     "planner",
     "solver",
     "seed",

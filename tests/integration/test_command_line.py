@@ -10,7 +10,7 @@ import pytest
 
 import sumo_hmdp
 
-COMMANDS = ["run", "watch", "study", "report", "compare", "repro", "check", "list", "decide", "new-planner"]
+COMMANDS = ["run", "watch", "study", "report", "compare", "predict", "repro", "check", "list", "decide", "new-planner"]
 PAIRED = ["--metric", "speed_mean_mps", "--by", "planner"]
 
 

@@ -28,9 +28,10 @@ def renormalised(table):
     return {outcome: weight / total for outcome, weight in table.items() if weight > 0.0}
 
 
-def lateral_choices(problem, vehicle, lane):
-    """Return {lateral action: probability} in a lane: the lane's row, without what leads off the road."""
-    table = vehicle["lateral_probs"]
+def lateral_choices(problem, vehicle, lane, k=0):
+    """Return {lateral action: probability} in a lane at step k = 0..H-1: the lane's row, without what leads off the
+    road (45)."""
+    table = prediction.lateral_table(vehicle, k)
     row = table.get(str(lane), table)
     lanes = problem["lanes"]["count"]
     inside = {lateral: row[name] for name, lateral in prediction.LATERALS.items() if 1 <= lane + lateral <= lanes}
@@ -85,10 +86,10 @@ def lateral_sequences(problem, vehicle):
         parent=0,
     )
     steps = [[start]]
-    for _ in range(problem["planner"]["horizon_steps"]):
+    for k in range(problem["planner"]["horizon_steps"]):
         longer = []
         for parent, before in enumerate(steps[-1]):
-            for lateral, prob in lateral_choices(problem, vehicle, before.lane).items():
+            for lateral, prob in lateral_choices(problem, vehicle, before.lane, k).items():
                 lane = before.lane + lateral
                 gain, noise = lateral_law(problem, vehicle, lateral)
                 var = gain**2 * before.var + noise
@@ -116,6 +117,10 @@ def mean_path(problem, vehicle, modes):
     path = [(vehicle["x_m"], vehicle["speed_mps"])]
     for mode in modes:
         path.append(prediction.vehicle_motion(problem["planner"], *path[-1], mode))
+    # What is added to every sequence (46); nobody drives backwards.
+    for k, step in enumerate(vehicle.get("drift", ()), start=1):
+        x, speed = path[k]
+        path[k] = x + step["x_m"], max(0.0, speed + step["speed_mps"])
     return path
 
 

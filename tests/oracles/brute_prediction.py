@@ -75,22 +75,27 @@ def lanes_under(problem, y, width):
     return frozenset(lane for lane in lanes if abs(y - lane_centre(problem, lane)) < reach)
 
 
-def action_probabilities(problem, vehicle, lane, mode):
-    """Return {(lateral action, change of mode): probability} in the state (lane, mode) (3).
+def lateral_table(vehicle, k):
+    """Return the lateral table of step k = 0..H-1: that of now, or of the later ones, of which the last one stays."""
+    tables = [vehicle["lateral_probs"], *vehicle.get("lateral_probs_later", [])]
+    return tables[min(k, len(tables) - 1)]
+
+
+def action_probabilities(problem, vehicle, lane, mode, k=0):
+    """Return {(lateral action, change of mode): probability} in the state (lane, mode) at step k = 0..H-1 (3).
 
     The lateral table times the table over the next mode, masked by admissibility, renormalised. Actions of
     probability zero are left out. The order is the paper's.
     """
-    lateral_table = vehicle["lateral_probs"]
-    if str(lane) in lateral_table:
-        lateral_table = lateral_table[str(lane)]
+    table = lateral_table(vehicle, k)
+    table = table.get(str(lane), table)
     products = {}
     for lateral, change in ACTIONS:
         if not 1 <= lane + lateral <= problem["lanes"]["count"]:
             continue
         if mode + change not in MODE_NAMES:
             continue
-        lateral_prob = lateral_table[LATERAL_NAMES[lateral]]
+        lateral_prob = table[LATERAL_NAMES[lateral]]
         mode_prob = vehicle["longitudinal_probs"][MODE_NAMES[mode + change]]
         if lateral_prob * mode_prob > 0.0:
             products[lateral, change] = lateral_prob * mode_prob
@@ -125,7 +130,7 @@ def retained_sequences(problem, vehicle):
             if prob > likeliest[0] * (1.0 + THRESHOLD_TOLERANCE):
                 likeliest = (prob, actions)
             return
-        for (lateral, change), p in action_probabilities(problem, vehicle, lane, mode).items():
+        for (lateral, change), p in action_probabilities(problem, vehicle, lane, mode, len(actions)).items():
             extend(lane + lateral, mode + change, prob * p, [*actions, (lateral, change)], min(least, p))
 
     extend(vehicle["lane"], MODES[vehicle["mode"]], 1.0, [], 1.0)

@@ -93,11 +93,25 @@ def _doubt(rng, problem):
     """Give some vehicles a small probability of what is not expected, which the risk level may or may not allow."""
     for vehicle in problem["vehicles"]:
         if problems._chance(rng, 0.4):
-            left, right = (problems._pick(rng, [0.0, 0.001, 0.004, 0.02, 0.06]) for _ in range(2))
-            vehicle["lateral_probs"] = {"left": left, "keep": 1.0 - left - right, "right": right}
+            vehicle["lateral_probs"] = _lateral_table(rng)
+        if problems._chance(rng, 0.3):
+            tables = [_lateral_table(rng) for _ in range(int(rng.integers(1, problem["planner"]["horizon_steps"] + 1)))]
+            vehicle["lateral_probs_later"] = tables[:19]
+        planner = problem["planner"]
+        moving = vehicle["speed_mps"] >= planner["horizon_steps"] * planner["accel_mps2"] * planner["period_s"]
+        if moving and problems._chance(rng, 0.4):
+            vehicle["drift"] = [
+                {"x_m": round(problems._uniform(rng, -6.0, 6.0), 2), "speed_mps": problems._uniform(rng, -2.0, 2.0)}
+                for _ in range(planner["horizon_steps"])
+            ]
         if problems._chance(rng, 0.3):
             fast, slow = (problems._pick(rng, [0.0, 0.002, 0.01, 0.05]) for _ in range(2))
             vehicle["longitudinal_probs"] = {"accelerate": fast, "cruise": 1.0 - fast - slow, "decelerate": slow}
+
+
+def _lateral_table(rng):
+    left, right = (problems._pick(rng, [0.0, 0.001, 0.004, 0.02, 0.06]) for _ in range(2))
+    return {"left": left, "keep": 1.0 - left - right, "right": right}
 
 
 def _settle(rng, problem):
@@ -107,6 +121,7 @@ def _settle(rng, problem):
     for vehicle in problem["vehicles"]:
         if problems._chance(rng, certain):
             vehicle["lateral_probs"] = dict(general.KEEP)
+            vehicle.pop("lateral_probs_later", None)
         if problems._chance(rng, certain):
             vehicle["longitudinal_probs"] = dict(general.CRUISE)
         if exact or problems._chance(rng, 0.1):
