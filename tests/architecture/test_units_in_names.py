@@ -44,6 +44,7 @@ OPTIONS = {
     "planner",
     "solver",
     "seed",
+    "set",
     "epsilon",
     "out",
     "trace",
