@@ -43,7 +43,7 @@ factors:
   planner: [python, idm_mobil]
   planners.python.file: [{file}]
   duration_s: [20.0]
-seeds: {{first: 0, count: 5}}
+seeds: {{first: 0, count: 6}}
 """
 
 

@@ -48,6 +48,7 @@ OPTIONS = {
     "planner",
     "solver",
     "seed",
+    "set",
     "epsilon",
     "out",
     "trace",
