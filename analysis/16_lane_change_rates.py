@@ -3,7 +3,9 @@
 Reads recorded runs with seeds that no study and no test uses, weighs every change of every vehicle within 200 m of the
 ego by the planner's own IDM and MOBIL (`decision/lane_change_belief.py`), and counts the changes that begin within the
 planner's next period. The first five periods are left out: nobody changes lanes at the end of the warm-up. Then it
-counts how often modes are seen one period later, and what the prediction of positions and speeds leaves over.
+counts how often modes are seen one period later, and fits the noise of a period so that the variance of positions is
+right at every step of the horizon: what a prediction leaves over is far from white, and the noise that one period
+leaves over gives a quarter of the variance that six leave.
 
     python analysis/16_lane_change_rates.py RESULTS      # a study folder of one scenario with `trace: all`
 """
@@ -16,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import nnls
 
 import sumo_hmdp
 from sumo_hmdp.decision.lane_change_belief import incentive_levels
@@ -102,19 +105,41 @@ def _kind(world: World, lane: int, target: int, level: int) -> str:
     return LEVELS[level]
 
 
-def leftovers(run: pd.DataFrame, world: World) -> pd.DataFrame:
-    """Return for every vehicle and period the mode one period later, and the errors of x and speed where it moves."""
+def leftovers(run: pd.DataFrame, world: World) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the errors of x after each step of the horizon [m], and how often each mode is seen one period later."""
+    run = run[run["step"] % world.steps == 0]
     ego = run[run["vehicle_id"] == EGO_ID].set_index("step")["x_m"]
-    others = run[(run["vehicle_id"] != EGO_ID) & (run["step"] % world.steps == 0)]
-    near = others[((others["x_m"] - others["step"].map(ego)).abs() < NEAR) & (others["step"] >= 5 * world.steps)]
-    later = others.assign(step=others["step"] - world.steps)
-    both = near.merge(later, on=["vehicle_id", "step"], suffixes=("", "_later"))
-    share = both["accel_mps2_later"] / world.accel
-    mode = np.where(share > READ, 1, np.where(share < -READ, -1, 0))
-    speed = np.maximum(both["speed_mps"] + mode * world.accel * world.period, 0.0)
-    x = both["x_m"] + (both["speed_mps"] + speed) / 2 * world.period
-    errors = pd.DataFrame({"x": both["x_m_later"] - x, "speed": both["speed_mps_later"] - speed})
-    return errors.where(both["speed_mps"] > MOVING).assign(mode=mode)
+    others = run[run["vehicle_id"] != EGO_ID]
+    others = others.assign(away=(others["x_m"] - others["step"].map(ego)).abs())
+    x, speed, accel, away = (
+        others.pivot_table(index="step", columns="vehicle_id", values=name, sort=True).to_numpy()
+        for name in ("x_m", "speed_mps", "accel_mps2", "away")
+    )
+    mode = np.where(accel > READ * world.accel, 1, np.where(accel < -READ * world.accel, -1, 0))
+    steps = round(world.horizon / world.period)
+    errors: list[list[np.ndarray]] = [[] for _ in range(steps)]
+    seen = np.zeros(3)
+    for start in range(5, len(x) - steps):
+        near = (away[start] < NEAR) & (speed[start] > MOVING)
+        place, now = x[start], speed[start]
+        for k in range(steps):
+            # The mode is a branch of the prediction of its own: what is left over is what the modes do not explain.
+            after = np.maximum(now + mode[start + k + 1] * world.accel * world.period, 0.0)
+            place, now = place + (now + after) / 2 * world.period, after
+            errors[k].append((x[start + k + 1] - place)[near])
+        seen += np.bincount(mode[start + 1][near & np.isfinite(x[start + 1])] + 1, minlength=3)
+    return [np.concatenate(step) for step in errors], seen
+
+
+def fitted_noise(variance: np.ndarray, period: float) -> tuple[float, float]:
+    """Return the variances of position [m2] and speed [m2/s2] of a period that come nearest to those of x, relatively.
+
+    With white noise the variance after k periods of T is k p + q T^2 (0 + 1 + ... + (k - 1)^2).
+    """
+    k = np.arange(1, len(variance) + 1)
+    shape = np.column_stack([k, period**2 * np.cumsum((k - 1) ** 2)])
+    position, speed = nnls(shape / variance[:, None], np.ones(len(k)))[0]
+    return float(position), float(speed)
 
 
 def main() -> None:
@@ -129,9 +154,13 @@ def main() -> None:
     found = pd.DataFrame(rows, columns=["density", "incentive", "began"])
     for name, group in [*found.groupby("density"), ("all", found)]:
         print(f"density {name}\n{group.groupby('incentive')['began'].agg(['sum', 'count', 'mean']).to_string()}\n")
-    left = pd.concat([leftovers(run, world) for run in runs.values()])
-    print("next mode (braking, cruising, accelerating):", left["mode"].value_counts(normalize=True).to_dict())
-    print("variance of what is left over:", left[["x", "speed"]].var().round(4).to_dict())
+    parts = [leftovers(run, world) for run in runs.values()]
+    counts = sum(seen for _, seen in parts)
+    print("next mode (braking, cruising, accelerating):", (counts / counts.sum()).round(4))
+    errors = [np.concatenate(step) for step in zip(*(found for found, _ in parts), strict=True)]
+    variance = np.array([np.nanmean(step**2) for step in errors])
+    print("mean squared error of x by step [m2]:", variance.round(4))
+    print("noise of a period (m2, m2/s2):", np.round(fitted_noise(variance, world.period), 4))
 
 
 if __name__ == "__main__":

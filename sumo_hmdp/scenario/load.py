@@ -198,7 +198,7 @@ def _checked_parts(document: Document, options: RunOptions, path: Path) -> tuple
         name, parameters = _planner_parameters(raw, options)
     except InputError as error:
         problems.extend(error.problems)
-    problems.extend(cross_checks(raw, path.parent))
+    problems.extend(cross_checks(raw, path.parent) if isinstance(content, Mapping) else ())
     if scenario is None or parameters is None or name is None or problems:
         raise InputError(_unique(problems), str(path))
     return scenario, record, name, parameters
